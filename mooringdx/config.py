@@ -1,0 +1,328 @@
+"""A run file, typed: TOML in, defaults in one place, unknown keys refused with the nearest right one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError, model_validator
+
+from mooringdx.errors import ConfigError
+from mooringdx.registry import did_you_mean
+
+SECONDS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0, "week": 604800.0, "month": 2592000.0}
+SECONDS["year"] = 365.25 * 86400.0
+
+
+def parse_rate(value: object) -> float:
+    """Return a rate such as "1/month" or "0.5/day" in 1/s (a month is 30 days)."""
+    match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*/\s*(?:([0-9.]+)\s*)?([a-z]+?)s?\s*", str(value))
+    if not match or match[3] not in SECONDS:
+        raise ValueError(f'a rate is written like "1/month", got {value!r}; allowed periods: {", ".join(SECONDS)}')
+    return float(match[1]) / (float(match[2] or 1.0) * SECONDS[match[3]])
+
+
+def rate_text(rate: float) -> str:
+    """Return a rate in 1/s as people say it: "1 per 30 days", "2.5 per hour"."""
+    if not rate > 0.0:
+        return "none"
+    for word in ("hour", "day"):
+        if rate * SECONDS[word] >= 0.995:
+            return f"{rate * SECONDS[word]:.3g} per {word}"
+    days = 1.0 / (rate * 86400.0)
+    return f"1 per {days:.3g} days" if days < 730 else f"1 per {days / 365.25:.3g} years"
+
+
+def parse_window(value: object) -> tuple[float | str, float | str]:
+    """Return [start, stop) in s, or of an ISO-8601 interval "start/stop" or "start/PT1H" as two texts."""
+    if isinstance(value, str):
+        parts = value.split("/")
+        if len(parts) != 2:
+            raise ValueError(f'a window is [start, stop] in s or "2025-03-14T06:00:00Z/PT1H", got {value!r}')
+        return parts[0], parts[1]
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        start, stop = value
+        if isinstance(start, str) and isinstance(stop, str):
+            return start, stop
+        if float(stop) <= float(start):
+            raise ValueError(f"window [{start}, {stop}] is reversed or empty; start must be below stop")
+        return float(start), float(stop)
+    raise ValueError(f'a window is [start, stop] in s or "2025-03-14T06:00:00Z/PT1H", got {value!r}')
+
+
+def window_seconds(window: tuple[float | str, float | str], epoch_ns: int | None) -> tuple[float, float]:
+    """Return a window in s on the log clock; instants need a log with absolute time (``epoch_ns``)."""
+    start, stop = window
+    if isinstance(start, float) and isinstance(stop, float):
+        return start, stop
+    if epoch_ns is None:
+        raise ConfigError(
+            f"window {start}/{stop} names instants but the log's time has no date; give [start, stop] in s"
+        )
+    first = _instant(str(start), epoch_ns)
+    last = first + _duration(str(stop)) if str(stop).startswith("P") else _instant(str(stop), epoch_ns)
+    if last <= first:
+        raise ConfigError(f"window {start}/{stop} is reversed or empty; the start must be before the stop")
+    return first, last
+
+
+def _instant(text: str, epoch_ns: int) -> float:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ConfigError(f"'{text}' is not an ISO-8601 instant such as 2025-03-14T06:00:00Z") from None
+    if moment.tzinfo is None:
+        raise ConfigError(f"instant '{text}' has no zone; write it with Z or +01:00")
+    return moment.timestamp() - epoch_ns / 1e9
+
+
+def _duration(text: str) -> float:
+    match = re.fullmatch(r"P(?:(\d+)D)?(?:T(?:(\d+)H)?(?:(\d+)M)?(?:([\d.]+)S)?)?", text)
+    if not match or not any(match.groups()):
+        raise ConfigError(f"'{text}' is not an ISO-8601 duration such as PT1H or P1DT30M")
+    d, h, m, s = (float(x or 0) for x in match.groups())
+    return d * 86400 + h * 3600 + m * 60 + s
+
+
+Rate = Annotated[float, BeforeValidator(parse_rate), PlainSerializer(lambda r: f"{r * 86400!r}/day")]
+Window = Annotated[tuple[float | str, float | str], BeforeValidator(parse_window)]
+Positive = Annotated[float, Field(gt=0)]
+M = TypeVar("M", bound=BaseModel)
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class TimeSource(_Part):
+    """Where the time stands: one column, or separate date and time columns; MCAP uses log time unless told."""
+
+    column: str | None = None
+    unit: str = "s"
+    date_column: str | None = None
+    zone: str | None = None
+    field: str | None = None
+    source: Literal["log_time", "publish_time", "header"] = "log_time"
+
+
+class ChannelSource(_Part):
+    """Where one channel stands in the log, and its unit there."""
+
+    column: str | None = None
+    topic: str | None = None
+    field: str | None = None
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_place(self) -> ChannelSource:
+        if (self.column is None) == (self.topic is None):
+            raise ValueError("a channel needs either a column, or a topic with a field")
+        if self.topic is not None and self.field is None:
+            raise ValueError('a channel with a topic needs a field, such as "pose.position.x"')
+        return self
+
+
+class CsvOptions(_Part):
+    """How a text log is written; every one is guessed when left out."""
+
+    delimiter: str | None = None
+    decimal: Literal[".", ","] | None = None
+    header_row: int | None = None
+    skip_rows: int = 0
+    comment: str | None = None
+
+
+class LogPart(_Part):
+    """[log]"""
+
+    path: str | None = None
+    time: TimeSource = TimeSource()
+    csv: CsvOptions = CsvOptions()
+
+
+class Zero(_Part):
+    """Per-log zero: the median over ``window`` is subtracted from ``channels``."""
+
+    channels: list[str]
+    window: Window
+
+
+class ClockPart(_Part):
+    """[clock]"""
+
+    sample_time: Positive
+    max_gap: Positive = 1.0
+    zero: Zero | None = None
+    groups: dict[str, list[str]] = {}
+    spike_sd: Positive = 12.0
+    stuck_after: Positive = 1.0
+    lag_band: Annotated[float, Field(gt=0)] | None = None
+    max_lag: Positive = 10.0
+
+
+class MooringPart(_Part):
+    """[mooring]; ``azimuth``: deg true from the vessel towards each anchor, learned from the log when left out."""
+
+    vessel: str | None = None
+    lines: list[str] = []
+    azimuth: dict[str, float] = {}
+
+
+class LearnedPart(_Part):
+    """[residuals.learned]"""
+
+    channels: list[str] = []
+    inputs: list[str] = []
+    lags: Annotated[int, Field(ge=0, le=50)] = 0
+    lag_step: Annotated[int, Field(ge=1)] = 1
+    quadratic: bool = False
+    ridge: Annotated[float, Field(ge=0)] = 1e-6
+
+
+class PositionPart(_Part):
+    """[residuals.position]"""
+
+    channels: list[str] = ["north", "east"]
+    neutral: Literal["baseline"] | list[float] = "baseline"
+
+
+class ResidualPart(_Part):
+    """[residuals]"""
+
+    use: list[str]
+    parity: dict[str, str] = {}
+    learned: LearnedPart = LearnedPart()
+    position: PositionPart = PositionPart()
+    faults: list[str] = []
+
+
+class BaselinePart(_Part):
+    """[baseline]"""
+
+    window: Window
+
+
+class Compression(_Part):
+    """Tail compression of whitened residuals: Fang's smooth law, a true Huber clip, or none."""
+
+    kind: Literal["fang", "huber", "none"] = "fang"
+    k: Annotated[float, Field(gt=1)] = 3.0
+
+
+class WhiteningPart(_Part):
+    """[whitening]; order auto chooses among none, ARMA and ARMA + compression by the smallest fault found."""
+
+    order: Literal["auto", "none", "bic"] | tuple[int, int] = "auto"
+    compression: Compression = Compression()
+
+
+class DetectorPart(_Part):
+    """[detector]; times in s of log clock; auto scales with the peak period of the no-fault window."""
+
+    kind: str = "glrt"
+    window: Positive | Literal["auto"] = "auto"
+    short_window: Positive | Literal["auto", "off"] = "auto"
+    slow_window: Positive | Literal["auto", "off"] = "auto"
+    adapt: Positive | Literal["auto", "off"] = "auto"
+    peak_period: Positive | Literal["auto"] = "auto"
+    covariance_about: Literal["mean", "zero"] = "mean"
+    design_size: Positive | None = None
+
+
+class AlarmPart(_Part):
+    """[alarm]"""
+
+    rate: Rate = parse_rate("1/month")
+    assurance: Annotated[float, Field(ge=0.5, lt=1)] = 0.9
+    hysteresis: Annotated[float, Field(gt=0, le=1)] = 0.7
+    min_duration: Annotated[float, Field(ge=0)] = 0.0
+
+
+class AdriftPart(_Part):
+    """[bank.adrift]; km and days: one position a day from a single-point mooring."""
+
+    warn_distance: Positive = 5.0
+    warn_factor: Positive = 2.0
+
+
+class BankPart(_Part):
+    """[bank]: position-only hypotheses."""
+
+    use: list[str] = []
+    adrift: AdriftPart = AdriftPart()
+
+
+class RunConfig(_Part):
+    """A run file. ``path`` and ``folder`` say where it stood; they are no part of the digest."""
+
+    log: LogPart = LogPart()
+    channels: dict[str, ChannelSource]
+    clock: ClockPart
+    mooring: MooringPart = MooringPart()
+    residuals: ResidualPart = ResidualPart(use=[])
+    baseline: BaselinePart | None = None
+    whitening: WhiteningPart = WhiteningPart()
+    detector: DetectorPart = DetectorPart()
+    alarm: AlarmPart = AlarmPart()
+    bank: BankPart = BankPart()
+
+    def digest(self) -> str:
+        """Return the sha256 of everything that changes a result (not of where the log stands)."""
+        body = self.model_dump(mode="json")
+        body["log"].pop("path")
+        return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+
+def load_run(path: Path) -> RunConfig:
+    """Read a run file; every fault in it is one ConfigError sentence with file, key, what is allowed."""
+    return validate(RunConfig, read_toml(path), path)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file, or raise a ConfigError that says where it breaks."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; `mooringdx init LOG -o {path.name}` writes a starter") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+
+
+def validate(model: type[M], body: dict[str, Any], path: Path) -> M:
+    """Return ``body`` as ``model``; the first fault becomes one sentence."""
+    try:
+        return model.model_validate(body)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_sentence(model, error)}") from None
+
+
+def _sentence(model: type[BaseModel], error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(x) for x in first["loc"])
+    if first["type"] == "extra_forbidden":
+        allowed = _fields_at(model, first["loc"][:-1])
+        place = ".".join(str(x) for x in first["loc"][:-1]) or "top level"
+        return f"unknown key '{first['loc'][-1]}' in [{place}]{did_you_mean(str(first['loc'][-1]), allowed)}"
+    if first["type"] == "missing":
+        return f"key '{where}' is missing and has no default"
+    return f"'{where}': {first['msg'].removeprefix('Value error, ')}"
+
+
+def _fields_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
+    here: Any = model
+    for key in loc:
+        found = getattr(here, "model_fields", {}).get(str(key))
+        if found is None:
+            break
+        here = found.annotation
+        for part in getattr(here, "__args__", ()):
+            if isinstance(part, type) and issubclass(part, BaseModel):
+                here = part
+    return list(getattr(here, "model_fields", {}))
