@@ -1,0 +1,47 @@
+"""The no-fault data that a generator learns from: aligned channels and the windows in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mooringdx.config import MooringPart
+from mooringdx.errors import ConfigError
+from mooringdx.registry import did_you_mean
+from mooringdx.types import Array, Channels
+
+
+@dataclass(frozen=True)
+class Training:
+    """One log's channels and its no-fault pieces, half-open sample slices."""
+
+    channels: Channels
+    pieces: tuple[slice, ...]
+
+    def rows(self, names: Sequence[str]) -> Array:
+        """Return the no-fault rows of ``names`` where all of them are valid, (m, len(names))."""
+        columns = [self.channels.names.index(name) for name in names]
+        blocks = []
+        for piece in self.pieces:
+            values = self.channels.values[piece][:, columns]
+            blocks.append(values[self.channels.valid[piece][:, columns].all(axis=1)])
+        return np.vstack(blocks) if blocks else np.zeros((0, len(columns)))
+
+
+def known(names: Iterable[str], channels: Channels, where: str) -> None:
+    """Raise a ConfigError for the first name that is no channel of the log."""
+    for name in names:
+        if name not in channels.names:
+            raise ConfigError(f"{where}: unknown channel '{name}'{did_you_mean(name, channels.names)}")
+
+
+def line_tensions(mooring: MooringPart, channels: Channels) -> dict[str, str]:
+    """Return {line: its tension channel} for the declared lines (line_4 and tension_4)."""
+    found = {}
+    for line in mooring.lines:
+        name = "tension_" + line.removeprefix("line_")
+        if name in channels.names:
+            found[line] = name
+    return found
