@@ -1,0 +1,9 @@
+"""Make a log with a known fault: the smallest honest simulator of a moored vessel.
+
+The only room with randomness: everything else in the package gives the same answer to the same log.
+"""
+
+from mooringdx.simulate.record import simulate
+from mooringdx.simulate.scenario import Scenario, load_scenario
+
+__all__ = ["Scenario", "load_scenario", "simulate"]
