@@ -6,7 +6,8 @@ wrong* by one unit moves r_c by one (if c is a target) and every other r_t by -s
 once all lags have passed, linearised at the no-fault mean; *line j is gone* is the same column downwards, at most
 by the mean tension, while the other channels follow the vessel, which the model knows. So these residuals alone
 cannot tell a parted line from its dead sensor: `position` can, where the vessel moves. Source: ridge regression
-[Hastie2009, ch. 3.4]; the idea of redundancy between channels [Fang2015, sec. 2]."""
+[Hastie2009, ch. 3.4]; the idea of redundancy between channels [Fang2015, sec. 2].
+"""
 
 from __future__ import annotations
 
@@ -170,7 +171,7 @@ def _design(
     for piece in training.pieces:
         rows = np.arange(piece.start + depth, piece.stop)
         lagged = [rows - lag * part.lag_step for lag in range(part.lags + 1)]
-        ok = y_good[rows] & np.logical_and.reduce([good[at] for at in lagged])
+        ok = np.asarray(y_good[rows] & np.all([good[at] for at in lagged], axis=0), dtype=np.bool_)
         rows = rows[ok]
         terms = [x[rows - lag * part.lag_step, i] for i in range(len(used)) for lag in range(part.lags + 1)]
         if part.quadratic:

@@ -7,7 +7,8 @@ tells them apart. Source: parity relations of [Fang2015, eq. 1-6]; that a declar
 short records is measured in docs/figures.md.
 
 Expressions hold + - * / ** ( ), channel names, and numbers with a unit in brackets: "(tension_SB - tension_PS)/2 -
-30 [N/m] * sway"."""
+30 [N/m] * sway".
+"""
 
 from __future__ import annotations
 
@@ -136,7 +137,7 @@ class Parity:
     @classmethod
     def from_dict(cls, body: Mapping[str, Any]) -> Parity:
         """Rebuild what `to_dict` gave."""
-        deep = {k: tuple(tuple(x) if isinstance(x, list) else x for x in v) for k, v in body.items()}
+        deep: dict[str, Any] = {k: tuple(tuple(x) if isinstance(x, list) else x for x in v) for k, v in body.items()}
         return cls(**deep)
 
 
@@ -158,7 +159,7 @@ def _unit(name: str, text: str, tree: ast.Expression, si: Mapping[str, str]) -> 
             f'[residuals.parity] {name} = "{text}": {error}; channels are {where}; '
             "give constants a unit, as in 30 [N/m]"
         ) from None
-    return catalogue.unit_text(result)
+    return str(catalogue.unit_text(result))
 
 
 def _derivative(tree: ast.Expression, used: Sequence[str], at: Any) -> list[float]:

@@ -7,7 +7,8 @@ tension taken as the whole: right for a taut line, a few per cent too stiff for 
 K_j = K - s_j a_j a_j' and an unbalanced force -T_j a_j, hence the offset per newton of tension change v (negative
 when lost): K_j^-1 a_j v. A wrong position sensor moves its own axis. The environment moves both in any direction:
 four directions stand for all. Thrusters that hold position shrink the offset: then this residual sees less, and
-says so by a small size. Source: quasi-static balance of the mooring, [Fang2015, eq. 4] without dynamics."""
+says so by a small size. Source: quasi-static balance of the mooring, [Fang2015, eq. 4] without dynamics.
+"""
 
 from __future__ import annotations
 

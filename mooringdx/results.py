@@ -1,0 +1,219 @@
+"""Save and load what `fit` and `detect` produced.
+
+A folder holds run.json (configuration, logs, versions, command), baseline.json (all that `fit` learned),
+detection.json and stages.parquet (every stage of the walk), events.json and events.csv (the contract), report.html
+and figures/. Every file is written under a temporary name and renamed; the same input gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from mooringdx.errors import ReportError
+from mooringdx.types import Array, Channels, Detection, Mask, Posterior, Residuals, Signatures, Statistic, Whitened
+
+T = TypeVar("T")
+
+#: The files of each stage; a command replaces only those of its own stage.
+STAGES: Mapping[str, tuple[str, ...]] = {
+    "fit": ("run.json", "baseline.json"),
+    "detect": ("detection.json", "stages.parquet", "events.json", "events.csv", "summary.csv", "logs"),
+    "report": ("report.html", "figures"),
+}
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files below ``folder`` atomically: each under a temporary name, then all renamed."""
+    staged = []
+    for name, body in files.items():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        draft = target.with_name(f".{target.name}.part")
+        draft.write_bytes(body)
+        staged.append((draft, target))
+    for draft, target in staged:
+        os.replace(draft, target)
+
+
+def guard(folder: Path, stage: str, force: bool) -> None:
+    """Refuse to write into a folder that holds anything but this program's own files.
+
+    Raises ReportError naming the first stranger, unless ``force``.
+    """
+    if force or not folder.exists():
+        return
+    if not folder.is_dir():
+        raise ReportError(f"{folder}: is a file, not a folder; give another -o DIR")
+    known = {name for names in STAGES.values() for name in names}
+    for item in sorted(folder.iterdir()):
+        if item.name not in known and not item.name.startswith("."):
+            raise ReportError(
+                f"{folder}: holds '{item.name}', which {stage} did not write; give another -o DIR, or --force"
+            )
+
+
+def json_bytes(body: Any) -> bytes:
+    """Return canonical JSON bytes: sorted as given, NaN and infinities as null, a closing newline."""
+    return (json.dumps(encode(body), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def encode(value: Any) -> Any:
+    """Return a noun, array or mapping as JSON-safe values; NaN and infinities become null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, np.ndarray):
+        return encode(value.tolist())
+    if isinstance(value, np.generic):
+        return encode(value.item())
+    if isinstance(value, Mapping):
+        return {str(k): encode(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [encode(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def decode(kind: Any, value: Any) -> Any:
+    """Rebuild a noun of type ``kind`` from `encode`'s output; null in a numeric array is NaN again."""
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+        hints = typing.get_type_hints(kind)
+        return kind(
+            **{f.name: decode(hints[f.name], value[f.name]) for f in dataclasses.fields(kind) if f.name in value}
+        )
+    if origin is tuple:
+        if len(parts) == 2 and parts[1] is Ellipsis:
+            return tuple(decode(parts[0], v) for v in value)
+        return tuple(decode(p, v) for p, v in zip(parts, value, strict=True))
+    if origin is np.ndarray:
+        return np.array(value, dtype=np.float64)
+    if parts and type(None) in parts:
+        inner = next(p for p in parts if p is not type(None))
+        return None if value is None else decode(inner, value)
+    if kind is float:
+        return math.nan if value is None else float(value)
+    return value
+
+
+def read_json(path: Path) -> Any:
+    """Read one of our JSON files, or raise a ReportError that says which command makes it."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        maker = next((stage for stage, names in STAGES.items() if path.name in names), "run")
+        raise ReportError(f"{path}: not there; `mooringdx {maker}` writes it") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ReportError(f"{path}: damaged ({error}); run the command that made it again") from None
+
+
+def detection_files(detection: Detection) -> dict[str, bytes]:
+    """Return detection.json and stages.parquet."""
+    big = {"channels", "residuals", "whitened", "statistics", "posteriors"}
+    head = {f.name: getattr(detection, f.name) for f in dataclasses.fields(detection) if f.name not in big}
+    c, r, w = detection.channels, detection.residuals, detection.whitened
+    head["channels"] = {f: getattr(c, f) for f in ("names", "units", "grid", "source", "checks", "defects")}
+    head["residuals"] = r and {f: getattr(r, f) for f in ("names", "units", "signatures")}
+    head["whitened"] = w and {f: getattr(w, f) for f in ("names", "signatures", "kind")}
+    head["statistics"] = [{"branch": s.branch, "labels": s.labels} for s in detection.statistics]
+    head["posteriors"] = [{"bank": p.bank, "hypotheses": p.hypotheses} for p in detection.posteriors]
+    return {"detection.json": json_bytes(head), "stages.parquet": _stages(detection)}
+
+
+def load_detection(folder: Path) -> Detection:
+    """Rebuild the Detection that `detection_files` wrote; values come back in single precision."""
+    import pyarrow.parquet as pq
+
+    head = read_json(folder / "detection.json")
+    path = folder / "stages.parquet"
+    try:
+        table = pq.read_table(path)
+    except (OSError, ValueError) as error:
+        raise ReportError(f"{path}: cannot be read ({error}); run `mooringdx detect` again") from None
+    columns = {n: table.column(n).to_numpy().astype(np.float64) for n in table.column_names}
+
+    def block(prefix: str, names: Iterable[str]) -> Array:
+        picked = [columns[f"{prefix}/{name}"] for name in names]
+        return np.column_stack(picked) if picked else np.zeros((table.num_rows, 0))
+
+    hints = typing.get_type_hints(Detection)
+    rest = {f.name: f for f in dataclasses.fields(Detection)}
+    ch = head["channels"]
+    values = block("channel", ch["names"])
+    shell = typing.get_type_hints(Channels)
+    fields = {k: decode(shell[k], ch[k]) for k in ("names", "units", "grid", "source", "checks", "defects")}
+    channels = Channels(values=values, valid=np.isfinite(values), **fields)
+    grid = channels.grid
+    residuals = whitened = None
+    if head["residuals"]:
+        v = block("residual", head["residuals"]["names"])
+        names, units = tuple(head["residuals"]["names"]), tuple(head["residuals"]["units"])
+        residuals = Residuals(names, units, grid, v, np.isfinite(v), _signatures(head["residuals"]))
+    if head["whitened"]:
+        v = block("whitened", head["whitened"]["names"])
+        names = tuple(head["whitened"]["names"])
+        whitened = Whitened(names, grid, v, np.isfinite(v), _signatures(head["whitened"]), head["whitened"]["kind"])
+    statistics = tuple(
+        Statistic(s["branch"], tuple(s["labels"]), grid, block(f"statistic/{s['branch']}", s["labels"]))
+        for s in head["statistics"]
+    )
+    posteriors = []
+    for p in head["posteriors"]:
+        v = block(f"posterior/{p['bank']}", p["hypotheses"])
+        rows = np.isfinite(v).all(axis=1)
+        posteriors.append(Posterior(p["bank"], tuple(p["hypotheses"]), grid.time[rows], v[rows]))
+    built: dict[str, Any] = {
+        "channels": channels,
+        "residuals": residuals,
+        "whitened": whitened,
+        "statistics": statistics,
+        "posteriors": tuple(posteriors),
+    }
+    for name in rest.keys() - built.keys():
+        built[name] = decode(hints[name], head[name])
+    return Detection(**built)
+
+
+def _signatures(head: Mapping[str, Any]) -> Signatures:
+    out = decode(Signatures, head["signatures"])
+    assert isinstance(out, Signatures)
+    return out
+
+
+def _stages(detection: Detection) -> bytes:
+    import io
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns: dict[str, Array] = {"time": detection.channels.grid.time}
+
+    def put(prefix: str, names: Iterable[str], values: Array, valid: Mask | None = None) -> None:
+        for i, name in enumerate(names):
+            column = values[:, i] if valid is None else np.where(valid[:, i], values[:, i], np.nan)
+            columns[f"{prefix}/{name}"] = column.astype(np.float32)
+
+    put("channel", detection.channels.names, detection.channels.values, detection.channels.valid)
+    if detection.residuals is not None:
+        put("residual", detection.residuals.names, detection.residuals.values, detection.residuals.valid)
+    if detection.whitened is not None:
+        put("whitened", detection.whitened.names, detection.whitened.values, detection.whitened.valid)
+    for s in detection.statistics:
+        put(f"statistic/{s.branch}", s.labels, s.values)
+    for p in detection.posteriors:
+        full = np.full((detection.channels.grid.n, len(p.hypotheses)), np.nan)
+        grid = detection.channels.grid
+        full[np.rint((p.time - grid.start) / grid.sample_time).astype(np.int64)] = p.probability
+        put(f"posterior/{p.bank}", p.hypotheses, full)
+    out = io.BytesIO()
+    pq.write_table(pa.table(columns), out, compression="zstd", compression_level=1, use_dictionary=False)
+    return out.getvalue()
