@@ -3,7 +3,7 @@
 The only room with randomness: everything else in the package gives the same answer to the same log.
 """
 
-from mooringdx.simulate.record import simulate
+from mooringdx.simulate.record import save_log, simulate
 from mooringdx.simulate.scenario import Scenario, load_scenario
 
-__all__ = ["Scenario", "load_scenario", "simulate"]
+__all__ = ["Scenario", "load_scenario", "save_log", "simulate"]

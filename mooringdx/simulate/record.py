@@ -7,10 +7,12 @@ published study's results unusable, and a stream that depends on its place in a 
 from __future__ import annotations
 
 import zlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mooringdx.registry import resolve
 from mooringdx.simulate.rig import drift_about, tensions
 from mooringdx.simulate.scenario import Scenario
 from mooringdx.simulate.sea import wander, waves
@@ -132,3 +134,10 @@ def _truth(scenario: Scenario, seed: int) -> dict[str, Any]:
         "seed": seed,
         "scenario": scenario.model_dump(mode="json"),
     }
+
+
+def save_log(log: RawLog, path: Path) -> None:
+    """Write ``log`` in the format that the ending of ``path`` names; raises ConfigError for an unknown one."""
+    from mooringdx.logs import WRITERS
+
+    resolve(path.suffix.removeprefix("."), WRITERS, "log format")(log, path)
