@@ -54,6 +54,7 @@ class Defect:
     ``mode`` is one of gap, duplicate, out_of_order, clock_step, spike, stuck, delay, range. ``subjects``: the channels.
     ``start, stop``: s on the log clock. ``value`` in ``unit`` (a delay in s, a hold in s), ``interval`` its 95 %
     interval. ``alarming`` defects become events (stuck while the others move, a late clock); the rest are check rows.
+    ``detected``: s, when the log up to there suffices to say so (None where only the whole log does).
     """
 
     mode: str
@@ -65,6 +66,7 @@ class Defect:
     detail: str
     alarming: bool = False
     interval: tuple[float, float] | None = None
+    detected: float | None = None
 
 
 @dataclass(frozen=True)
