@@ -92,6 +92,7 @@ def _duration(text: str) -> float:
 Rate = Annotated[float, BeforeValidator(parse_rate), PlainSerializer(lambda r: f"{r * 86400!r}/day")]
 Window = Annotated[tuple[float | str, float | str], BeforeValidator(parse_window)]
 Positive = Annotated[float, Field(gt=0)]
+Chance = Annotated[float, Field(gt=0, lt=1)]
 M = TypeVar("M", bound=BaseModel)
 
 
@@ -246,10 +247,37 @@ class AlarmPart(_Part):
 
 
 class AdriftPart(_Part):
-    """[bank.adrift]; km and days: one position a day from a single-point mooring."""
+    """[bank.adrift]; km and days: one position a day from a single-point mooring. Triples: service, drag, adrift.
 
+    ``history``, ``learn_fixes`` count held fixes; ``radius_*``, ``warn_*``, ``held_scale``: km; ``speed_median``: km a
+    day; ``*_gap``: days after which the next fix is a new departure, a buoy under warning lost, a watch circle stale.
+    """
+
+    history: Annotated[int, Field(ge=7)] = 45
+    learn_fixes: Annotated[int, Field(ge=2)] = 7
     warn_distance: Positive = 5.0
     warn_factor: Positive = 2.0
+    radius_prior: Positive = 1.5
+    radius_weight: Positive = 10.0
+    radius_floor: Positive = 0.8
+    cusum_allowance: Positive = 3.0
+    cusum_level: Positive = 28.0
+    prior: tuple[Positive, Positive, Positive] = (0.75, 0.12, 0.13)
+    stop_chance: tuple[Chance, Chance, Chance] = (0.9, 0.25, 0.03)
+    jump_median: tuple[Positive, Positive, Positive] = (13.0, 8.0, 20.0)
+    jump_log_sd: tuple[Positive, Positive, Positive] = (0.6, 0.6, 0.8)
+    speed_median: tuple[Positive, Positive, Positive] = (8.0, 7.0, 25.0)
+    speed_log_sd: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
+    speed_weight: Annotated[float, Field(ge=0, le=1)] = 0.3
+    held_scale: Positive = 0.5
+    held_dof: Positive = 3.0
+    departure_chance: Chance = 0.02
+    alarm: Chance = 0.9
+    held: Chance = 0.9
+    adrift: Chance = 0.6
+    departure_gap: Positive = 3.0
+    lost_gap: Positive = 15.0
+    expired_gap: Positive = 30.0
 
 
 class BankPart(_Part):
