@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -351,6 +351,9 @@ class Detection:
     provenance: Mapping[str, Any]
 
 
-def replace(noun: Any, **changes: Any) -> Any:
+Noun = TypeVar("Noun")
+
+
+def replace(noun: Noun, **changes: Any) -> Noun:
     """Return a copy of a frozen noun with some fields changed."""
-    return dataclasses.replace(noun, **changes)
+    return dataclasses.replace(noun, **changes)  # type: ignore[type-var]

@@ -1,0 +1,348 @@
+"""All that `fit` learns: generators, the chain of detectors, levels with the rates they really give.
+
+The whitening is a choice that the data justify, not a rite: none, ARMA, and ARMA + compression are each fitted on
+four fifths of the no-fault record and judged on the fifth held back, five times; the one whose chain finds the
+smallest faults at the asked rate is taken, unless the run file says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mooringdx import __version__, residuals
+from mooringdx.chain import KINDS, SHARES, Chain, Pieces, fit_chain, held_back, segments
+from mooringdx.checks import agitation, drift_check, whiteness_check
+from mooringdx.config import RunConfig, rate_text
+from mooringdx.detectors.covariance import covariance_of_means
+from mooringdx.errors import ReportError
+from mooringdx.residuals.training import Training
+from mooringdx.results import decode, encode, json_bytes, read_json
+from mooringdx.threshold import drift_ratio, fit_threshold, smallest_fault
+from mooringdx.timing import LEAST_WINDOWS, Timing
+from mooringdx.types import Array, Channels, Check, Residuals, Threshold, Whitened
+from mooringdx.whiten.whitener import Kind
+
+_KEPT = 4000
+Progress = Callable[[int, int], None] | None
+
+
+@dataclass(frozen=True)
+class Moments:
+    """No-fault mean, (r,), and covariance of window means times the window, (r, r), of the raw residuals: for sizes."""
+
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The fitted walk from channels to levels.
+
+    ``level``: (k, c), a thinned sample of the no-fault channels, to judge how a sensor is wrong; ``agitation``: (c,) sd
+    of increments, the sea of the no-fault record.
+    """
+
+    timing: Timing
+    stack: residuals.Stack
+    chain: Chain
+    raw: Moments
+    thresholds: tuple[Threshold, ...]
+    level: Array
+    agitation: Array
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What `fit` hands to `detect`.
+
+    ``choice``: one mapping a whitening candidate; ``windows``: one mapping a log; ``fitted`` is None where only a
+    position-only bank was asked for: its priors are settings. ``verdict`` and ``reason`` are on the asked rate.
+    """
+
+    run: Mapping[str, Any]
+    fitted: Fitted | None
+    choice: tuple[Mapping[str, Any], ...]
+    checks: tuple[Check, ...]
+    windows: tuple[Mapping[str, Any], ...]
+    verdict: str
+    reason: str
+    version: str = __version__
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The levels of all branches; none for a position-only bank."""
+        return self.fitted.thresholds if self.fitted is not None else ()
+
+    @classmethod
+    def of_bank(cls, run: RunConfig, channels: Sequence[Channels]) -> Baseline:
+        """Return the baseline of a run with a position-only bank: its priors are settings, nothing is fitted."""
+        where = tuple(_where(c, ()) for c in channels)
+        reason = "a position-only bank decides by probabilities; its false alarms are those measured in docs/adrift.md"
+        body = run.model_dump(mode="json")
+        return cls(body, None, (), (), where, "not_applicable", reason)
+
+    def config(self) -> RunConfig:
+        """Return the run file that this was fitted with."""
+        return RunConfig.model_validate(self.run)
+
+    def no_fault_of(self, sha256: str) -> tuple[tuple[float, float], ...]:
+        """Return the no-fault windows, s, of the log with this digest; empty when it was not fitted on."""
+        return tuple((a, b) for w in self.windows if w["sha256"] == sha256 for a, b in w["windows"])
+
+    def alarm_rate(self) -> dict[str, Any]:
+        """Return asked, central and interval of the system's false-alarm rate (1/s) with its verdict."""
+        low = sum(t.rate_interval[0] for t in self.thresholds)
+        high = sum(t.rate_interval[1] for t in self.thresholds)
+        return {
+            "asked": self.config().alarm.rate,
+            "central": sum(t.central_rate for t in self.thresholds),
+            "interval": [low, high],
+            "unit": "1/s",
+            "verdict": self.verdict,
+            "reason": self.reason,
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return what `fit --json` prints."""
+        keys = ("verdict", "reason", "choice", "checks", "windows", "run")
+        levels = [
+            {"branch": t.branch, "scaled_level": t.scaled_level, "interval": t.scaled_interval} for t in self.thresholds
+        ]
+        timing = self.fitted and self.fitted.timing
+        rest = {key: getattr(self, key) for key in keys}
+        return {"alarm_rate": self.alarm_rate(), "thresholds": levels, "timing": timing, **rest}
+
+    def text(self) -> str:
+        """Return what `fit` prints: the candidates with their smallest faults, the levels, the rate in words."""
+        if self.fitted is None:
+            return f"position-only bank: {self.reason}"
+        timing = self.fitted.timing
+        seconds = timing.measured * timing.sample_time
+        lines = [f"no-fault record {seconds:.0f} s, peak period {timing.peak_period:.3g} s; {_windows(timing)}"]
+        lines.append("smallest fault found in 95 % at the asked rate and named alone one window later:")
+        names = list(self.choice[0]["smallest"]) if self.choice else []
+        for row in self.choice:
+            sizes = "  ".join(f"{n} {row['smallest'][n]}" for n in names)
+            lines.append(f"  {'*' if row['taken'] else ' '} {row['whitening']:17s}{sizes}")
+        for t in self.thresholds:
+            low, high = t.scaled_interval
+            lines.append(
+                f"  {t.branch} branch: level {t.scaled_level:.3g} [{low:.3g}, {high:.3g}] for {rate_text(t.asked_rate)}"
+            )
+        lines.append(self.rate_sentence())
+        lines += [f"! {c.name}, {c.subject}: {c.detail}; {c.remedy}" for c in self.checks if not c.passed]
+        return "\n".join(lines)
+
+    def rate_sentence(self) -> str:
+        """Return the false-alarm rate in words: asked, what the record supports, and the verdict on it."""
+        rate = self.alarm_rate()
+        low, high = (rate_text(r) for r in rate["interval"])
+        return (
+            f"False alarms: {rate_text(rate['asked'])} asked; this no-fault record supports {low} to {high} "
+            f"(central {rate_text(rate['central'])}): {rate['verdict']}. {rate['reason']}"
+        ).rstrip()
+
+
+def _windows(t: Timing) -> str:
+    parts = {"window": t.window, "short branch": t.short, "slow channel": t.slow, "reference follows over": t.memory}
+    return ", ".join(f"{k} {v * t.sample_time:.3g} s" if v else f"{k} off" for k, v in parts.items())
+
+
+def learn(
+    training: Sequence[Training],
+    stack: residuals.Stack,
+    measured: Sequence[Residuals],
+    pieces: Pieces,
+    timing: Timing,
+    run: RunConfig,
+    progress: Progress = None,
+) -> Baseline:
+    """Fit every candidate chain, take the one that finds the smallest faults, and set its levels."""
+    trials = []
+    for i, kind in enumerate(candidates(run)):
+        trials.append(_trial(measured, pieces, kind, run, timing))
+        if progress is not None:
+            progress(i + 1, len(candidates(run)))
+    best = min(range(len(trials)), key=lambda i: trials[i].merit)
+    taken = trials[best]
+    choice = tuple({**t.row, "taken": i == best} for i, t in enumerate(trials))
+    plain = [taken.chain.whitener.uncompressed()(r) for r in measured]
+    verdict, reason = judge(taken.thresholds, timing)
+    channels = [t.channels for t in training]
+    rows = np.vstack([t.channels.values[piece] for t in training for piece in t.pieces])
+    fitted = Fitted(
+        timing=timing,
+        stack=stack,
+        chain=taken.chain.with_levels(taken.thresholds),
+        raw=_moments(measured, pieces, timing.window, run),
+        thresholds=taken.thresholds,
+        level=rows[:: max(1, len(rows) // _KEPT)],
+        agitation=np.max([agitation(t.channels.values[piece]) for t in training for piece in t.pieces], axis=0),
+    )
+    return Baseline(
+        run=run.model_dump(mode="json"),
+        fitted=fitted,
+        choice=choice,
+        checks=_checks(measured, plain, pieces, taken.thresholds, timing),
+        windows=tuple(_where(c, t.pieces) for c, t in zip(channels, training, strict=True)),
+        verdict=verdict,
+        reason=reason,
+    )
+
+
+def candidates(run: RunConfig) -> tuple[Kind, ...]:
+    """Return the whitening kinds to try."""
+    if run.whitening.order == "auto":
+        return KINDS if run.whitening.compression.kind != "none" else KINDS[:2]
+    if run.whitening.order == "none":
+        return ("none",)
+    return ("arma",) if run.whitening.compression.kind == "none" else ("arma+compression",)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    chain: Chain
+    thresholds: tuple[Threshold, ...]
+    row: Mapping[str, Any]
+    merit: float
+
+
+def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing) -> _Trial:
+    """Fit one candidate, its cross-fitted levels, and the smallest faults it would find."""
+    chain = fit_chain(measured, pieces, kind, run, timing)
+    held = held_back(measured, pieces, kind, run, timing, chain)
+    shares = {d.branch: SHARES[d.branch] for d in chain.designs}
+    shares["main"] += 1.0 - sum(shares.values())
+    plain = [chain.whitener.uncompressed()(r) for r in measured]
+    ratio = drift_ratio(segments(plain, pieces), timing.window)
+    thresholds = tuple(
+        fit_threshold(
+            design.branch,
+            held[design.branch],
+            window=design.window,
+            sample_time=timing.sample_time,
+            rate=run.alarm.rate * shares[design.branch],
+            assurance=run.alarm.assurance,
+            drift_ratio=ratio,
+            frozen=design.reference.tau is None,
+        )
+        for design in chain.designs
+    )
+    found = smallest_fault(chain.designs[0], thresholds[0])
+    signatures = measured[0].signatures
+    sizes = {f.label: f"{v:.3g} {u}" for f, v, u in zip(signatures.faults, found, signatures.units, strict=True)}
+    usable = found[np.isfinite(found) & (found > 0)]
+    merit = float(np.mean(np.log(usable))) if len(usable) == len(found) else np.inf
+    row = {"whitening": kind, "smallest": sizes, "merit": merit, "level": thresholds[0].scaled_level, "drift": ratio}
+    return _Trial(chain, thresholds, row, merit)
+
+
+def judge(thresholds: Sequence[Threshold], timing: Timing) -> tuple[str, str]:
+    """Return the verdict on the asked rate, the worst of the main branch's and the record length's, and why."""
+    main = thresholds[0]
+    windows = timing.measured / timing.window
+    if windows < LEAST_WINDOWS:
+        missing = (LEAST_WINDOWS * timing.window - timing.measured) * timing.sample_time
+        return "invalid", (
+            f"the no-fault record holds {windows:.0f} detector windows, {LEAST_WINDOWS} are needed for a rate: "
+            f"{missing:.0f} s ({missing / 60:.1f} min) more, or a shorter [detector] window"
+        )
+    return main.verdict, main.reason
+
+
+def _moments(measured: Sequence[Residuals], pieces: Pieces, window: int, run: RunConfig) -> Moments:
+    raw = [(measured[i].values[s], measured[i].valid[s]) for i, s in pieces]
+    rows = np.vstack([values[valid.all(axis=1)] for values, valid in raw])
+    zero = run.detector.covariance_about == "zero"
+    return Moments(
+        np.zeros(rows.shape[1]) if zero else rows.mean(axis=0),
+        covariance_of_means(raw, window, run.detector.covariance_about),
+    )
+
+
+def _checks(
+    measured: Sequence[Residuals],
+    plain: Sequence[Whitened],
+    pieces: Pieces,
+    thresholds: Sequence[Threshold],
+    timing: Timing,
+) -> tuple[Check, ...]:
+    from mooringdx.whiten.whiteness import whiteness
+
+    lags = max(8, round(2 * timing.peak_period / timing.sample_time))
+    rows = []
+    for r, name in enumerate(measured[0].names):
+        before = whiteness(
+            [np.where(measured[i].valid[s, r], measured[i].values[s, r], np.nan) for i, s in pieces], lags
+        )
+        after = whiteness([np.where(plain[i].valid[s, r], plain[i].values[s, r], np.nan) for i, s in pieces], lags)
+        rows.append(whiteness_check(name, before.ljung_box, after.ljung_box))
+    rows.append(drift_check(thresholds[0].drift_ratio, 1.2))
+    return tuple(rows)
+
+
+def _where(channels: Channels, pieces: Sequence[slice]) -> dict[str, Any]:
+    grid = channels.grid
+    windows = [[grid.start + grid.sample_time * p.start, grid.start + grid.sample_time * p.stop] for p in pieces]
+    return {"log": channels.source.path, "sha256": channels.source.sha256, "windows": windows}
+
+
+def save(baseline: Baseline, logs: Sequence[Path], command: str) -> dict[str, bytes]:
+    """Return run.json and baseline.json."""
+    import platform
+
+    run = {
+        "mooringdx": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "command": command,
+        "configuration_digest": baseline.config().digest(),
+        "logs": [str(p) for p in logs],
+        "sha256": [w["sha256"] for w in baseline.windows],
+        "run": baseline.run,
+    }
+    fitted = baseline.fitted
+    body = encode({k: v for k, v in baseline.__dict__.items() if k != "fitted"})
+    body["fitted"] = None
+    if fitted is not None:
+        parts = {k: v for k, v in fitted.__dict__.items() if k not in {"stack", "chain"}}
+        body["fitted"] = {**encode(parts), "stack": fitted.stack.to_dict(), "chain": fitted.chain.to_dict()}
+    return {"run.json": json_bytes(run), "baseline.json": json_bytes(body)}
+
+
+def load(folder: Path) -> Baseline:
+    """Read the baseline of a folder, or raise a ReportError that says what is wrong with it."""
+    path = folder / "baseline.json"
+    body, run = read_json(path), read_json(folder / "run.json")
+    if body.get("version") != __version__:
+        raise ReportError(
+            f"{path}: written by mooringdx {body.get('version')}, this is {__version__}; run `mooringdx fit` again"
+        )
+    if run["configuration_digest"] != RunConfig.model_validate(body["run"]).digest():
+        raise ReportError(f"{folder}: baseline.json and run.json are of different configurations; fit again")
+    return Baseline(
+        run=body["run"],
+        fitted=None if body["fitted"] is None else _fitted(body["fitted"]),
+        choice=tuple(body["choice"]),
+        checks=decode(tuple[Check, ...], body["checks"]),
+        windows=tuple(body["windows"]),
+        verdict=body["verdict"],
+        reason=body["reason"],
+    )
+
+
+def _fitted(body: Mapping[str, Any]) -> Fitted:
+    return Fitted(
+        timing=decode(Timing, body["timing"]),
+        stack=residuals.Stack.from_dict(body["stack"]),
+        chain=Chain.from_dict(body["chain"]),
+        raw=decode(Moments, body["raw"]),
+        thresholds=decode(tuple[Threshold, ...], body["thresholds"]),
+        level=np.array(body["level"], dtype=np.float64),
+        agitation=np.array(body["agitation"], dtype=np.float64),
+    )

@@ -1,0 +1,244 @@
+"""From what the detectors saw to events with a name, an onset, a size and rivals, and to the verdict in words.
+
+The alarm may come from any branch; the name always comes from *uncompressed* whitened residuals over one detector
+window that ends one window after the alarm (compressed ones saturate and bend the direction of a large fault), or,
+where only the slow channel sees the fault, from the slow channel. What the alignment found in the data themselves
+(a channel held while the others move, a late clock) is an event of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mooringdx import decide
+from mooringdx.baseline import Baseline, Fitted
+from mooringdx.chain import Walk
+from mooringdx.checks import SEA, agitation
+from mooringdx.config import RunConfig
+from mooringdx.types import Array, Channels, Defect, Event, Fault, Residuals
+
+FAULTS = ("line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost")
+_WEAKENED = 0.85
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One log's walk up to the statistics: what an event is decided from."""
+
+    channels: Channels
+    residuals: Residuals
+    walk: Walk
+    fitted: Fitted
+    run: RunConfig
+    verdict: str
+
+
+def find(scene: Scene) -> tuple[Event, ...]:
+    """Return all events of the detectors and of the data's own defects, in order of onset."""
+    timing, alarm = scene.fitted.timing, scene.run.alarm
+    hold = 2 * timing.window
+    least = max(1, round(alarm.min_duration / timing.sample_time))
+    found = []
+    for statistic, threshold in zip(scene.walk.statistics, scene.fitted.thresholds, strict=True):
+        ratio = decide.peak_ratio(statistic, threshold)
+        found += decide.alarms(statistic.branch, ratio, alarm.hysteresis, hold, least)
+    events = [_event(scene, a) for a in decide.merge(found, hold)]
+    events += [_defect_event(scene, d) for d in scene.channels.defects if d.alarming]
+    return tuple(sorted((e for e in events if e is not None), key=lambda e: (e.onset, e.detected, e.subject)))
+
+
+def _event(scene: Scene, alarm: decide.Alarm) -> Event | None:
+    """Name one alarm."""
+    timing, grid = scene.fitted.timing, scene.channels.grid
+    at = min(alarm.start + timing.window, grid.n - 1)
+    statistic = scene.walk.naming
+    if alarm.branches == ("slow",):
+        statistic, at = next(s for s in scene.walk.statistics if s.branch == "slow"), alarm.peak_at
+    scaled = _last_finite(statistic.values, alarm.start, at)
+    signatures = scene.residuals.signatures
+    chosen = None if scaled is None else decide.name(scaled, np.ones(len(scaled), dtype=np.bool_))
+    first, low, high = _onset(scene, alarm, at, None if chosen is None else chosen.winner)
+    time = grid.start + grid.sample_time * np.array([alarm.start, at, first, low, high])
+    common = {
+        "onset": float(time[2]),
+        "onset_interval": (float(time[3]), float(time[4])),
+        "detected": float(time[0]),
+        "named": float(time[1]),
+        "cleared": None if alarm.stop is None else grid.start + grid.sample_time * alarm.stop,
+        "evidence": _evidence(scene, alarm),
+        "marks": _marks(scene, alarm),
+    }
+    if chosen is None:
+        why = "every residual was masked in the window that would name the cause"
+        return Event(kind="unknown", subject="log", cannot_tell=why, **common)  # type: ignore[arg-type]
+    rows = scene.walk.plain.valid[max(0, at - timing.window) : at + 1].mean(axis=0) >= 0.5
+    fault = signatures.faults[chosen.winner]
+    size = _size(scene, alarm, first, chosen.winner, rows)
+    kind, mode = _kind(scene, fault, chosen.winner, size, first, alarm)
+    return Event(
+        kind=kind,
+        subject=fault.subject,
+        mode=mode,
+        size=None if size is None else size[0],
+        size_unit=signatures.units[chosen.winner],
+        size_interval=None if size is None else size[1],
+        probability=chosen.probability,
+        rivals=decide.rivals(signatures, chosen, rows),
+        cannot_tell=decide.cannot_tell(signatures, chosen, rows),
+        **common,  # type: ignore[arg-type]
+    )
+
+
+def _last_finite(values: Array, first: int, last: int) -> Array | None:
+    """Return the newest row of [first, last] in which any fault has a value."""
+    rows = np.flatnonzero(np.isfinite(values[first : last + 1]).any(axis=1))
+    return None if not rows.size else np.asarray(values[first + rows[-1]])
+
+
+def _onset(scene: Scene, alarm: decide.Alarm, at: int, winner: int | None) -> tuple[int, int, int]:
+    """Return the onset sample and its interval for the named fault; the alarm itself when nothing was named."""
+    if winner is None:
+        return alarm.start, alarm.start, alarm.start
+    timing, design = scene.fitted.timing, scene.fitted.chain.naming
+    back = max(timing.slow, 2 * timing.window) if alarm.branches == ("slow",) else 2 * timing.window
+    first = max(0, alarm.start - back)
+    weight = np.linalg.solve(design.covariance, design.directions[winner])
+    stretch = slice(first, at + 1)
+    good = np.asarray(scene.walk.plain.valid[stretch].all(axis=1), dtype=np.bool_)
+    u = np.where(good, (np.nan_to_num(scene.walk.plain.values[stretch]) - design.reference.mean) @ weight, 0.0)
+    energy = float(weight @ design.directions[winner])
+    found = decide.onset(u, good, energy, 0, at - first, alarm.start - first)
+    return first + found[0], first + found[1], first + found[2]
+
+
+def _size(
+    scene: Scene, alarm: decide.Alarm, first: int, winner: int, rows: Array
+) -> tuple[float, tuple[float, float]] | None:
+    """Return size and interval from raw residuals between the onset and three windows after the alarm."""
+    timing, raw = scene.fitted.timing, scene.fitted.raw
+    last = min(alarm.start + 3 * timing.window, alarm.stop or scene.channels.grid.n)
+    begin = min(max(first, alarm.start), max(first, last - timing.window))
+    keep = np.flatnonzero(rows)
+    values = scene.residuals.values[begin:last][:, keep] - np.asarray(raw.mean)[keep]
+    direction = scene.residuals.signatures.matrix[winner][keep]
+    return decide.size(
+        values, scene.residuals.valid[begin:last][:, keep], direction, np.asarray(raw.covariance)[np.ix_(keep, keep)]
+    )
+
+
+def _kind(
+    scene: Scene,
+    fault: Fault,
+    winner: int,
+    size: tuple[float, tuple[float, float]] | None,
+    first: int,
+    alarm: decide.Alarm,
+) -> tuple[str, str | None]:
+    """Refine the kind by the size (a line's share) or the waveform (how a sensor is wrong)."""
+    total = float(scene.residuals.signatures.total[winner])
+    if fault.kind == "line_lost" and size is not None and np.isfinite(total) and size[0] / total < _WEAKENED:
+        return "line_weakened", None
+    if fault.kind != "sensor_fault" or fault.subject not in scene.channels.names:
+        return fault.kind, fault.mode
+    column, grid = scene.channels.column(fault.subject), scene.channels.grid
+    last = min(alarm.stop or grid.n, first + 20 * scene.fitted.timing.window)
+    reference = scene.fitted.level[:, scene.channels.names.index(fault.subject)]
+    reference = reference[np.isfinite(reference)]
+    own = int(np.argmax(np.abs(scene.residuals.signatures.matrix[winner])))
+    gain = scene.residuals.signatures.matrix[winner, own]
+    residual = (scene.residuals.values[first:last, own] - scene.fitted.raw.mean[own]) / gain
+    good = np.isfinite(column[first:last]) & np.isfinite(residual)
+    return fault.kind, decide.sensor_mode(reference, column[first:last][good], residual[good])
+
+
+def _evidence(scene: Scene, alarm: decide.Alarm) -> dict[str, object]:
+    branch = next(i for i, s in enumerate(scene.walk.statistics) if s.branch == alarm.branch)
+    threshold, statistic = scene.fitted.thresholds[branch], scene.walk.statistics[branch]
+    row = statistic.values[alarm.peak_at] / threshold.level
+    top = int(np.nanargmax(row)) if np.isfinite(row).any() else 0
+    return {
+        "detector": f"{scene.run.detector.kind} ({', '.join(alarm.branches)} branch)",
+        "peak": float(alarm.peak * threshold.level[top]),
+        "threshold": float(threshold.level[top]),
+        "channels": list(scene.residuals.names),
+    }
+
+
+def _marks(scene: Scene, alarm: decide.Alarm) -> tuple[str, ...]:
+    marks = []
+    if scene.verdict != "supported":
+        marks.append("extrapolated_threshold")
+    timing = scene.fitted.timing
+    block = max(8, round(40 * timing.peak_period / timing.sample_time))
+    before = scene.channels.values[max(0, alarm.start - block) : alarm.start]
+    if np.any(agitation(before) > SEA * np.asarray(scene.fitted.agitation)):
+        marks.append("outside_fitted_envelope")
+    return tuple(marks)
+
+
+def _defect_event(scene: Scene, defect: Defect) -> Event:
+    """Return the event of a defect that the alignment found."""
+    grid, delay = scene.channels.grid, defect.mode == "delay"
+    to_end = delay or defect.stop >= grid.stop - 2 * grid.sample_time
+    return Event(
+        kind="sensor_fault",
+        subject=_group(scene, defect.subjects),
+        mode=defect.mode,
+        onset=defect.start,
+        onset_interval=(defect.start, defect.start),
+        detected=defect.stop if defect.detected is None else defect.detected,
+        cleared=None if to_end else defect.stop,
+        size=defect.value,
+        size_unit=defect.unit,
+        size_interval=defect.interval,
+        evidence={"detector": "alignment", "peak": defect.value, "threshold": None, "channels": list(defect.subjects)},
+        cannot_tell="whether the sensor or its logging failed: both look like this",
+    )
+
+
+def _group(scene: Scene, subjects: Sequence[str]) -> str:
+    """Return the declared group that the channels make up, or the first channel."""
+    for name, members in scene.run.clock.groups.items():
+        if set(subjects) & set(members):
+            return name
+    return subjects[0]
+
+
+def verdict(events: Sequence[Event], channels: Channels) -> str:
+    """Return nothing_found, fault_found or cannot_be_judged (less than half of the log has a valid sample)."""
+    if any(e.kind in FAULTS or e.kind == "unknown" for e in events):
+        return "fault_found"
+    return "cannot_be_judged" if channels.valid.any(axis=1).mean() < 0.5 else "nothing_found"
+
+
+def sentences(events: Sequence[Event], outcome: str, baseline: Baseline) -> tuple[str, ...]:
+    """Return the verdict in words: one sentence an event, then how often this detector cries wolf."""
+    out = []
+    if outcome == "cannot_be_judged":
+        out.append("Less than half of the log has a valid sample: this log cannot be judged.")
+    elif not events:
+        out.append("Nothing was found.")
+    for event in events:
+        out.append(_event_sentence(event))
+    if baseline.thresholds:
+        out.append(baseline.rate_sentence())
+    return tuple(out)
+
+
+def _event_sentence(event: Event) -> str:
+    what = (
+        decide.plain(Fault(event.kind, event.subject)) if event.kind != "line_weakened" else f"{event.subject} weakened"
+    )
+    mode = f" ({event.mode})" if event.mode else ""
+    how = "" if event.size is None else f", size {event.size:.3g} {event.size_unit}".rstrip()
+    sure = "" if event.probability is None else f", probability {event.probability:.3f}"
+    end = "" if event.cleared is None else f", over at {event.cleared:.1f} s"
+    first = (
+        f"{what[0].upper()}{what[1:]}{mode} from {event.onset:.1f} s, found at {event.detected:.1f} s{how}{sure}{end}."
+    )
+    others = [f"{decide.plain(Fault(r.kind, r.subject))} ({r.probability:.2f})" for r in event.rivals]
+    rest = f" It could also be: {', '.join(others)}." if others else ""
+    return first + rest

@@ -1,0 +1,111 @@
+"""The whole method as a sentence: prepare a log, fit a baseline on its no-fault windows, detect on any log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mooringdx import __version__, residuals
+from mooringdx.baseline import Baseline, learn
+from mooringdx.checks import run_checks
+from mooringdx.config import RunConfig, window_seconds
+from mooringdx.diagnose import Scene, find, sentences, verdict
+from mooringdx.errors import ConfigError, FitError
+from mooringdx.hypotheses import HYPOTHESES
+from mooringdx.logs.align import align
+from mooringdx.registry import resolve
+from mooringdx.residuals.training import Training
+from mooringdx.timing import design
+from mooringdx.types import Channels, Detection, Event, RawLog
+
+Progress = Callable[[int, int], None] | None
+
+
+def prepare(log: RawLog, run: RunConfig) -> Channels:
+    """Put a log's signals on one uniform clock, with what was wrong in them as checks and defects."""
+    return align(log, run.clock)
+
+
+def fit(
+    channels: Sequence[Channels], run: RunConfig, *, extrapolate: bool = False, progress: Progress = None
+) -> Baseline:
+    """Learn the baseline on the no-fault window of each log.
+
+    Raises ConfigError for what the run file asks wrongly, FitError for a window that cannot carry the asked rate.
+    """
+    training = [Training(c, no_fault(c, run)) for c in channels]
+    stack = residuals.fit(training, run) if run.residuals.use else None
+    if stack is None:
+        if not run.bank.use:
+            raise ConfigError("nothing to do: [residuals] use and [bank] use are both empty")
+        return Baseline.of_bank(run, channels)
+    measured = [stack(c) for c in channels]
+    pieces = [(i, piece) for i, t in enumerate(training) for piece in t.pieces]
+    rows = [t.channels.values[piece] for t in training for piece in t.pieces]
+    timing = design(run.detector, run.clock.sample_time, rows)
+    baseline = learn(training, stack, measured, pieces, timing, run, progress)
+    if baseline.verdict == "invalid" and not extrapolate:
+        raise FitError(f"{baseline.reason}; or accept an unsupported rate with --extrapolate")
+    return baseline
+
+
+def no_fault(channels: Channels, run: RunConfig) -> tuple[slice, ...]:
+    """Return the no-fault pieces of one log: its window, cut to the log."""
+    if run.baseline is None:
+        raise ConfigError("[baseline] window is missing: give the part of the log in which nothing was wrong")
+    grid = channels.grid
+    window = window_seconds(run.baseline.window, grid.epoch_ns)
+    piece = grid.window(window)
+    if piece.stop - piece.start < 2:
+        raise ConfigError(
+            f"[baseline] window [{window[0]:g}, {window[1]:g}] s lies outside the log, "
+            f"which spans [{grid.start:g}, {grid.stop:g}] s"
+        )
+    return (piece,)
+
+
+def detect(channels: Channels, baseline: Baseline, *, name: str) -> Detection:
+    """Walk one log through the fitted chain and the position-only banks to events and a verdict."""
+    run = baseline.config()
+    measured = walk = None
+    events: list[Event] = []
+    checks = [*channels.checks, *baseline.checks]
+    if baseline.fitted is not None:
+        measured = baseline.fitted.stack(channels)
+        walk = baseline.fitted.chain(measured)
+        events += find(Scene(channels, measured, walk, baseline.fitted, run, baseline.verdict))
+        checks += run_checks(channels, baseline.fitted.agitation)
+    posteriors = []
+    for word in run.bank.use:
+        posterior, found, rows = resolve(word, HYPOTHESES, "bank")(getattr(run.bank, word))(channels)
+        posteriors.append(posterior)
+        events += found
+        checks += rows
+    events.sort(key=lambda e: (e.onset, e.detected, e.subject))
+    outcome = verdict(events, channels)
+    return Detection(
+        name=name,
+        verdict=outcome,
+        sentences=sentences(events, outcome, baseline),
+        channels=channels,
+        residuals=measured,
+        whitened=walk.whitened if walk else None,
+        statistics=walk.statistics if walk else (),
+        thresholds=baseline.thresholds,
+        posteriors=tuple(posteriors),
+        events=tuple(events),
+        checks=tuple(checks),
+        no_fault=baseline.no_fault_of(channels.source.sha256),
+        alarm_rate=baseline.alarm_rate(),
+        choice=baseline.choice,
+        run=baseline.run,
+        provenance={
+            "mooringdx": __version__,
+            "numpy": np.__version__,
+            "configuration_digest": run.digest(),
+            "log": channels.source.path,
+            "log_sha256": channels.source.sha256,
+            "baseline_logs": [dict(w) for w in baseline.windows],
+        },
+    )
