@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mooringdx import __version__, residuals
-from mooringdx.chain import KINDS, SHARES, Chain, Pieces, fit_chain, held_back, segments
+from mooringdx.chain import SHARES, Chain, Pieces, fit_chain, held_back, segments
 from mooringdx.checks import agitation, drift_check, whiteness_check
 from mooringdx.config import RunConfig, rate_text
 from mooringdx.detectors.covariance import covariance_of_means
@@ -25,7 +25,7 @@ from mooringdx.results import decode, encode, json_bytes, read_json
 from mooringdx.threshold import drift_ratio, fit_threshold, smallest_fault
 from mooringdx.timing import LEAST_WINDOWS, Timing
 from mooringdx.types import Array, Channels, Check, Residuals, Threshold, Whitened
-from mooringdx.whiten.whitener import Kind
+from mooringdx.whiten import KINDS
 
 _KEPT = 4000
 Progress = Callable[[int, int], None] | None
@@ -195,7 +195,7 @@ def learn(
     )
 
 
-def candidates(run: RunConfig) -> tuple[Kind, ...]:
+def candidates(run: RunConfig) -> tuple[str, ...]:
     """Return the whitening kinds to try."""
     if run.whitening.order == "auto":
         return KINDS if run.whitening.compression.kind != "none" else KINDS[:2]
@@ -212,7 +212,7 @@ class _Trial:
     merit: float
 
 
-def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing) -> _Trial:
+def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: str, run: RunConfig, timing: Timing) -> _Trial:
     """Fit one candidate, its cross-fitted levels, and the smallest faults it would find."""
     chain = fit_chain(measured, pieces, kind, run, timing)
     held = held_back(measured, pieces, kind, run, timing, chain)
