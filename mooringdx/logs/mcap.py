@@ -67,11 +67,13 @@ def read(
         found = harvest(path, size, channels, clock, progress)
         with path.open("rb") as handle:
             begins = handle.read(len(MAGIC)) == MAGIC
+            handle.seek(max(size - len(MAGIC), 0))
+            found.closed = found.closed and handle.read() == MAGIC
             handle.seek(0)
             digest = hashlib.file_digest(handle, "sha256").hexdigest()
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}; give the path of an MCAP file") from None
-    if not (begins or found.messages or found.channels or found.closed):
+    if not (begins or found.messages or found.channels):
         raise LogError(f"{path}: not an MCAP file: it does not begin with the MCAP signature and no record can be read")
     epoch_ns = _epoch(found, clock)
     signals, dropped = _signals(path, found, channels, epoch_ns)

@@ -162,7 +162,7 @@ class Harvest:
 def harvest(
     path: Path, size: int, channels: Mapping[str, Place] | None, clock: Clock, progress: Progress | None
 ) -> Harvest:
-    """Walk the file; a second time where messages stand whose definition came only later (in the summary).
+    """Walk the file; a second time where it is damaged before its definitions (they stand in the summary again).
 
     Raises
     ------
@@ -171,7 +171,8 @@ def harvest(
     """
     asked = None if channels is None else _asked(path, channels)
     found = _walk(path, size, asked, clock, progress, Harvest())
-    if any(_defined(number, found) for number in found.orphans):
+    skipped = any(loss.what in ("bytes", "record") for loss in found.losses)
+    if any(_defined(number, found) for number in found.orphans) or (skipped and found.channels):
         found = _walk(path, size, asked, clock, progress, found)
     return found
 
@@ -199,7 +200,7 @@ def _walk(
     found = Harvest()
     told = 0
     with path.open("rb", buffering=1 << 20) as handle:
-        for record in walk(handle, size, found.losses):
+        for record in walk(handle, size, found.losses, known.channels):
             if record.opcode == MESSAGE:
                 _message(found, record, asked, clock, known)
             else:

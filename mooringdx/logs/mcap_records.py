@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -83,8 +83,14 @@ class _Region(NamedTuple):
     def place(self, at: int) -> int:
         return at if self.base is None else self.base
 
+    def loss(self, start: int, stop: int, detail: str) -> Loss:
+        """Return the loss of a stretch; that inside a decompressed chunk is no stretch of the file."""
+        if self.base is None:
+            return Loss("bytes", start, stop - start, detail)
+        return Loss("record", self.base, stop - start, f"{detail}, at byte {start} of the decompressed chunk")
 
-def walk(handle: BinaryIO, size: int, losses: list[Loss]) -> Iterator[Record]:
+
+def walk(handle: BinaryIO, size: int, losses: list[Loss], known: Iterable[int] = ()) -> Iterator[Record]:
     """Yield every record in the order of the file, those of a chunk in the place of the chunk.
 
     Parameters
@@ -92,13 +98,14 @@ def walk(handle: BinaryIO, size: int, losses: list[Loss]) -> Iterator[Record]:
     handle : an opened binary file.
     size : bytes of the file.
     losses : what could not be read is appended here.
+    known : channel ids in use; in a damaged stretch, a message is recognised by these and by those met before.
     """
 
     def fetch(offset: int, count: int) -> bytes:
         handle.seek(offset)
         return handle.read(count)
 
-    channels: set[int] = set()
+    channels = set(known)
     first = 0
     for record in _records(_Region(fetch, 0, size, None, True, channels), losses):
         if record.opcode == CHUNK:
@@ -177,17 +184,20 @@ def _records(region: _Region, losses: list[Loss]) -> Iterator[Record]:
             continue
         length = _length(region, at, head)
         if length is None:
-            found = resume if resume is not None and resume > at else _resync(region, at + 1)
-            yield from _cut_chunk(region, at, head, found)
+            cut = _is_cut_chunk(region, at, head)
+            found = None if cut else resume if resume is not None and resume > at else _resync(region, at + 1)
             stop = region.stop if found is None else found
-            losses.append(Loss("bytes", region.place(at), stop - at, f"no record can be read at byte {at}"))
+            if cut:
+                yield Record(CHUNK, at, at + 9, stop - at - 9, region.fetch, False)
+            else:
+                losses.append(region.loss(at, stop, "no record can be read here"))
             at = stop
             continue
         end, sound = at + 9 + length, region.sound
         if head[0] == MESSAGE and not _begins(region, end):
             resume = _resync(region, at + 1)
             if resume is not None and resume < end:
-                losses.append(Loss("bytes", region.place(at), resume - at, f"wrong record length at byte {at}"))
+                losses.append(region.loss(at, resume, "a record's length is wrong"))
                 at = resume
                 continue
             sound = sound and resume is None
@@ -255,12 +265,11 @@ def _fits(region: _Region, at: int) -> bool:
     return length <= _BLOCK and parse(Record(opcode, at, at + 9, length, region.fetch, True), []) is not None
 
 
-def _cut_chunk(region: _Region, at: int, head: bytes, found: int | None) -> Iterator[Record]:
-    """Yield what is left of a chunk that the end of the file cuts."""
-    if len(head) < 9 or head[0] != CHUNK or region.base is not None or found is not None:
-        return
-    if layout(region.fetch(at + 9, 64)) is not None:
-        yield Record(CHUNK, at, at + 9, region.stop - at - 9, region.fetch, False)
+def _is_cut_chunk(region: _Region, at: int, head: bytes) -> bool:
+    """Tell whether a chunk runs beyond the end of the file: its two lengths agree on that."""
+    own = layout(region.fetch(at + 9, 64)) if len(head) == 9 and head[0] == CHUNK and region.base is None else None
+    length = int.from_bytes(head[1:], "little")
+    return own is not None and length > region.stop - at - 9 and 0 <= length - own.start - own.size <= 16
 
 
 def _open_chunk(record: Record, channels: set[int], losses: list[Loss]) -> Iterator[Record]:
