@@ -25,7 +25,7 @@ from mooringdx.results import decode, encode, json_bytes, read_json
 from mooringdx.threshold import drift_ratio, fit_threshold, smallest_fault
 from mooringdx.timing import LEAST_WINDOWS, Timing
 from mooringdx.types import Array, Channels, Check, Residuals, Threshold, Whitened
-from mooringdx.whiten import KINDS
+from mooringdx.whiten.whitener import KINDS, Kind
 
 _KEPT = 4000
 Progress = Callable[[int, int], None] | None
@@ -195,7 +195,7 @@ def learn(
     )
 
 
-def candidates(run: RunConfig) -> tuple[str, ...]:
+def candidates(run: RunConfig) -> tuple[Kind, ...]:
     """Return the whitening kinds to try."""
     if run.whitening.order == "auto":
         return KINDS if run.whitening.compression.kind != "none" else KINDS[:2]
@@ -212,7 +212,7 @@ class _Trial:
     merit: float
 
 
-def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: str, run: RunConfig, timing: Timing) -> _Trial:
+def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing) -> _Trial:
     """Fit one candidate, its cross-fitted levels, and the smallest faults it would find."""
     chain = fit_chain(measured, pieces, kind, run, timing)
     held = held_back(measured, pieces, kind, run, timing, chain)

@@ -29,6 +29,7 @@ from mooringdx.timing import Timing
 from mooringdx.types import Array, Grid, Mask, Residuals, Statistic, Threshold, Whitened, replace
 from mooringdx.whiten import Whitener, fit_whitener
 from mooringdx.whiten.arma import Order
+from mooringdx.whiten.whitener import Kind
 
 SHARES: Mapping[str, float] = {"main": 0.8, "slow": 0.1, "short": 0.1}
 Pieces = Sequence[tuple[int, slice]]
@@ -95,7 +96,7 @@ class Chain:
 def fit_chain(
     measured: Sequence[Residuals],
     pieces: Pieces,
-    kind: str,
+    kind: Kind,
     run: RunConfig,
     timing: Timing,
     start: Whitener | None = None,
@@ -105,7 +106,10 @@ def fit_chain(
     ``start``: the whitener of a record that holds these pieces; its orders are kept, which saves the search.
     """
     order: Order | Literal["bic"] = run.whitening.order if isinstance(run.whitening.order, tuple) else "bic"
-    whitener = fit_whitener(measured, pieces, kind, order, run.whitening.compression, timing.settle, start)
+    stretches = [(measured[i], s) for i, s in pieces]
+    whitener = fit_whitener(
+        stretches, kind, order, run.whitening.compression, peak_period=timing.peak_period, start=start
+    )
     plain = [whitener.uncompressed()(r) for r in measured]
     z = [whitener(r) for r in measured] if kind == "arma+compression" else plain
     about = run.detector.covariance_about
@@ -135,7 +139,7 @@ def segments(z: Sequence[Whitened], pieces: Pieces) -> list[tuple[Array, Mask]]:
 
 
 def held_back(
-    measured: Sequence[Residuals], pieces: Pieces, kind: str, run: RunConfig, timing: Timing, full: Chain
+    measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing, full: Chain
 ) -> dict[str, list[Array]]:
     """Return the cross-fitted no-fault statistics of every branch: {branch: [(n_i, f) a held-back stretch]}."""
     held: dict[str, list[Array]] = {design.branch: [] for design in full.designs}
