@@ -183,8 +183,8 @@ def _threshold(statistic: Statistic, verdict: str, share: float, window: tuple[f
 
 def _provenance(source: LogSource) -> dict[str, Any]:
     return {
-        "version": "0.1.0",
-        "config_digest": "c0ffee" + "12" * 29,
+        "mooringdx": "0.1.0",
+        "configuration_digest": "c0ffee" + "12" * 29,
         "command": "mooringdx run configs/runs/tank.toml -o reports/tank",
         "log": {"path": source.path, "sha256": source.sha256},
         "versions": {"python": "3.11.9", "numpy": "2.4.1", "scipy": "1.17.0"},

@@ -148,7 +148,10 @@ def clock(grid: Grid) -> Clock:
     """Choose the time axis for a record."""
     span = grid.sample_time * grid.n
     if grid.epoch_ns is not None and span > 3 * 86400.0:
-        return Clock(86400.0, "date (UTC)", grid.epoch_ns / 86400e9)
+        days = np.array([grid.epoch_ns, grid.epoch_ns + round(1e9 * span)], dtype="datetime64[ns]").astype(
+            "datetime64[D]"
+        )
+        return Clock(86400.0, f"date (UTC), {days[0]} to {days[1]}", grid.epoch_ns / 86400e9)
     if span <= 2.5 * 3600.0:
         return Clock(1.0, "time (s, log clock)")
     if span <= 4 * 86400.0:
@@ -219,7 +222,15 @@ def shade(axes: Axes, detection: Detection, at: Clock) -> None:
     for event in detection.events:
         axes.axvline(at(event.onset), color=RED, lw=1.1, ls=(0, (5, 2)), zorder=4)
         stop = grid.stop if event.cleared is None else event.cleared
-        axes.plot(at([event.onset, stop]), [1, 1], color=RED, lw=6, transform=axes.get_xaxis_transform(), scalex=False)
+        axes.plot(
+            at([event.onset, stop]),
+            [1, 1],
+            color=RED,
+            lw=6,
+            solid_capstyle="butt",
+            transform=axes.get_xaxis_transform(),
+            scalex=False,
+        )
 
 
 def name_events(axes: Axes, events: Iterable[Event], at: Clock) -> None:

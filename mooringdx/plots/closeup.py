@@ -85,7 +85,7 @@ def _lines(detection: Detection, event: Event) -> list[tuple[str, str, Array]]:
 def _marks(panel: Axes, event: Event, at: canvas.Clock) -> None:
     low, high = event.onset_interval
     panel.axvspan(at(low), at(high), color=canvas.ORANGE, alpha=0.30, lw=0, zorder=1)
-    panel.axvline(at(event.onset), color=canvas.RED, lw=1.2, ls=(0, (5, 2)), zorder=4)
+    panel.axvline(at(event.onset), color=canvas.RED, lw=1.4, ls=(0, (5, 2)), zorder=5)
     panel.axvline(at(event.detected), color=canvas.INK, lw=1.2, zorder=4)
     if event.named is not None:
         panel.axvline(at(event.named), color=canvas.INK, lw=1.2, ls=":", zorder=4)

@@ -31,7 +31,7 @@ def draw(detection: Detection, bank: str) -> Figure:
             reach = max(4.0 * (last - first.onset), 12 * float(np.median(np.diff(found.time))))
             keep = (found.time >= first.onset - reach) & (found.time <= last + reach)
         x = at(found.time[keep])
-        style = {"marker": ".", "ms": 5} if x.size < 600 else {}
+        style = {"marker": ".", "ms": 5} if x.size < 120 else {}
         for j, name in enumerate(found.hypotheses):
             y = found.probability[keep, j]
             dash = ("-", "--", "-.", ":")[(j // len(canvas.CYCLE)) % 4]

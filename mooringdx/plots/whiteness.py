@@ -78,7 +78,7 @@ def draw(detection: Detection, name: str) -> Figure:
     height = 0.9 + 2.0 * len(rows)
     edges = {
         "left": 0.07,
-        "right": 0.99,
+        "right": 0.975,
         "bottom": 0.5 / height,
         "top": 1 - 0.28 / height,
         "wspace": 0.46,
@@ -161,7 +161,7 @@ def _probability(panel: Axes, calm: Array, label: str) -> None:
     panel.set_ylim(score[0] - 0.3, score[-1] + 0.3)
     panel.set_xlabel(label)
     panel.set_ylabel("probability (-)")
-    panel.locator_params(axis="x", nbins=4)
+    panel.locator_params(axis="x", nbins=3)
 
 
 def caption(detection: Detection, name: str) -> str:
