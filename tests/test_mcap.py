@@ -22,6 +22,7 @@ from mooringdx.config import ChannelSource, TimeSource
 from mooringdx.errors import LogError
 from mooringdx.logs import mcap_decode
 from mooringdx.logs.mcap import read, records, write
+from mooringdx.logs.mcap_ros import UndecodableError, check_definition
 from mooringdx.types import LogSource, RawLog, Signal
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -241,7 +242,21 @@ def test_ros1(tmp_path: Path) -> None:
     check_wanted(path, "/load")
 
 
-@pytest.mark.parametrize("text", ['float64 x\n"""\nimport os', "float64 x; y", "float64[99999999] x", "float64 lambda"])
+BOX = "\n" + "=" * 80 + "\nMSG: a/C\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'float64 x\n"""\nimport os',
+        "float64 x; y",
+        "float64[99999999] x",
+        "float64 lambda",
+        "C[] many" + BOX,
+        "C[60000] many" + BOX + "float64[60000] x",
+        "C one" + BOX + "C two",
+    ],
+)
 def test_a_ros1_schema_cannot_carry_code(tmp_path: Path, text: str) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as handle:
@@ -252,7 +267,15 @@ def test_a_ros1_schema_cannot_carry_code(tmp_path: Path, text: str) -> None:
         writer.finish()
     log = read(path)
     assert not log.signals
-    assert any(c.name == "mcap_encoding" and "ROS 1" in c.detail for c in log.checks)
+    assert any(c.name == "mcap_encoding" and not c.passed for c in log.checks)
+
+
+def test_a_wrong_length_of_an_array_without_numbers_does_not_run_for_hours() -> None:
+    text = "UUID[] ids\nfloat64 x" + BOX.replace("a/C", "unique_identifier_msgs/UUID") + "uint8[16] uuid"
+    with pytest.raises(UndecodableError, match="UUID"):
+        check_definition(text)
+    check_definition(text.replace("uint8[16] uuid", "uint8[16] uuid\nint32 number"))
+    check_definition(text.replace("UUID[] ids", "UUID id\nfloat64[36] covariance 0.0\nint32 MOST=5"))
 
 
 def protobuf_class() -> Callable[..., Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 import struct
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.records import Attachment, Chunk, Message
+from mcap.records import Attachment, Channel, Chunk, Message, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import CompressionType, Writer
 
@@ -24,7 +25,9 @@ from mooringdx.config import ChannelSource
 from mooringdx.errors import LogError
 from mooringdx.logs.mcap import read, records
 from mooringdx.logs.mcap_chunks import LARGEST, inflate
+from mooringdx.logs.mcap_decode import decoder, leaves
 from mooringdx.logs.mcap_records import MAGIC, Loss
+from mooringdx.logs.mcap_ros import UndecodableError
 from mooringdx.types import RawLog
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -95,9 +98,9 @@ CONTAINERS = [{"use_chunking": False}, *({"compression": kind} for kind in Compr
 
 @pytest.mark.parametrize("options", CONTAINERS, ids=["unchunked", "none", "lz4", "zstd"])
 def test_a_file_cut_at_any_byte_gives_every_whole_message(tmp_path: Path, options: dict[str, Any]) -> None:
-    whole = sample(tmp_path / "whole.mcap", 30, **options)
+    whole = sample(tmp_path / "whole.mcap", 12, **{"chunk_size": 300, **options})
     truth, ends = messages(tmp_path / "whole.mcap"), message_ends(whole)
-    assert len(truth) == len(ends) == 30
+    assert len(truth) == len(ends) == 12
     cut = tmp_path / "cut.mcap"
     for b in range(8, len(whole)):
         cut.write_bytes(whole[:b])
@@ -385,6 +388,50 @@ def test_any_overwritten_bytes(tmp_path: Path, options: dict[str, Any], edits: l
         data[at % len(data)] = byte
     path.write_bytes(data[: max(cut, 1)])
     read_or_log_error(path)
+
+
+DEFINITION = (
+    "std_msgs/Header header\nfloat64[3] a\nint16[] b\nstring s\nP p\nP[] ps\n" + "=" * 80 + "\nMSG: std_msgs/Header\n"
+    "uint32 seq\nstring frame_id\n" + "=" * 80 + "\nMSG: demo/P\nuint8[4] raw\nfloat32 x\n"
+)
+
+
+def schemas() -> list[tuple[str, str, bytes]]:
+    from google.protobuf import struct_pb2
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    described = FileDescriptorSet()
+    struct_pb2.DESCRIPTOR.CopyToProto(described.file.add())
+    text = DEFINITION.encode()
+    return [
+        ("ros1", "ros1msg", text),
+        ("cdr", "ros2msg", text),
+        ("protobuf", "protobuf", described.SerializeToString()),
+    ]
+
+
+EDITS = st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), max_size=6)
+
+
+@settings(max_examples=250, deadline=None)
+@given(st.sampled_from(schemas()), EDITS, st.integers(0, 10**6), st.binary(max_size=120))
+def test_any_edited_schema_and_any_payload(
+    kind: tuple[str, str, bytes], edits: list[tuple[int, int]], cut: int, payload: bytes
+) -> None:
+    encoding, name, whole = kind
+    body = bytearray(whole)
+    for at, byte in edits:
+        body[at % len(body)] = byte
+    body = body[: len(body) - cut % (4 * len(body))] if cut % 4 == 0 else body
+    title = "google.protobuf.Value" if encoding == "protobuf" else "demo/M"
+    schema = Schema(id=1, data=bytes(body), encoding=name, name=title)
+    channel = Channel(id=1, topic="/t", message_encoding=encoding, metadata={}, schema_id=1)
+    try:
+        decode, damage = decoder(channel, schema)
+    except UndecodableError:
+        return
+    with contextlib.suppress(*damage):
+        list(leaves(decode(b"\0\1\0\0" + payload)))
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -196,7 +196,15 @@ def _topic_checks(found: Harvest, dropped: Mapping[str, int], clock: Clock) -> l
     stamp = clock.field or HEADER_STAMP if clock.source == "header" else clock.source
     for name, topic in found.topics.items():
         if topic.refused:
-            rows.append(Check("mcap_encoding", name, False, topic.refused, remedy="record the topic in one of these"))
+            rows.append(
+                Check(
+                    "mcap_encoding",
+                    name,
+                    False,
+                    topic.refused,
+                    remedy="none, unless a channel is needed from this topic",
+                )
+            )
         if topic.decoded or topic.failed:
             detail = (
                 f"{topic.out_of_order} of {topic.decoded} messages are stamped before an earlier one; sorted by stamp"

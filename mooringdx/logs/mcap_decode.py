@@ -1,7 +1,6 @@
 """Turn the payload of an MCAP message into numbers: JSON, ROS 1, ROS 2 (CDR) and protobuf.
 
-The official decoder packages do the decoding. The ROS 1 one writes Python from the schema's text and imports it, so
-that the text is first reduced to fields of plain types and names: a damaged or hostile log cannot run code.
+The official decoder packages do the decoding; ROS definitions are looked at first (``mcap_ros``).
 """
 
 from __future__ import annotations
@@ -9,12 +8,14 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import keyword
 import re
 import struct
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
+
+from mooringdx.logs.mcap_ros import UndecodableError, check_definition, plain_ros1
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -26,15 +27,8 @@ Token = str | int
 Decoder = Callable[[bytes], Any]
 
 _PATH = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
-_ROS1_FIELD = re.compile(r"([A-Za-z][\w/]*)(\[(\d*)\])?\s+([A-Za-z]\w*)")
-_ROS1_TYPE = re.compile(r"MSG: ([A-Za-z]\w*/[A-Za-z]\w*)\s*")
-_ROS1_LINE = "\n" + "=" * 80 + "\n"
 _NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _PARTS = (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"), ("seconds", "nanos"))
-
-
-class UndecodableError(ValueError):
-    """A channel's messages cannot be decoded; the text says why."""
 
 
 def decoder(channel: Channel, schema: Schema | None) -> tuple[Decoder, tuple[type[BaseException], ...]]:
@@ -59,12 +53,13 @@ def decoder(channel: Channel, schema: Schema | None) -> tuple[Decoder, tuple[typ
             "allowed: json, ros1 with ros1msg, cdr with ros2msg, protobuf with protobuf"
         )
     damage = (*_DAMAGE, *_package_errors(encoding))
+    unreadable: tuple[type[BaseException], ...] = (*damage, OSError)
     try:
         with contextlib.redirect_stderr(io.StringIO()):  # the ROS 2 parser prints what it raises
             return maker(channel, schema), damage
     except UndecodableError:
         raise
-    except damage as error:
+    except unreadable as error:
         name = schema.name if schema is not None else ""
         raise UndecodableError(f"the schema '{name}' cannot be read ({type(error).__name__}: {error})") from None
 
@@ -117,17 +112,21 @@ def _ros1(channel: Channel, schema: Schema | None) -> Decoder:
     assert schema is not None
     if not re.fullmatch(r"[A-Za-z]\w*/[A-Za-z]\w*", schema.name, re.ASCII):
         raise UndecodableError(f"'{schema.name}' is not the name of a ROS 1 message")
-    plain = ros1_fields(schema.data.decode("utf-8", errors="replace")).encode()
-    clean = Schema(id=schema.id, name=schema.name, encoding=schema.encoding, data=plain)
-    return _made(DecoderFactory().decoder_for(channel.message_encoding, clean))
+    plain = plain_ros1(schema.data.decode("utf-8", errors="replace"))
+    check_definition(plain)
+    clean = Schema(id=schema.id, name=schema.name, encoding=schema.encoding, data=plain.encode())
+    places = list(sys.path)
+    try:
+        return _made(DecoderFactory().decoder_for(channel.message_encoding, clean))
+    finally:
+        sys.path[:] = places  # the package leaves a temporary folder there
 
 
 def _ros2(channel: Channel, schema: Schema | None) -> Decoder:
     from mcap_ros2.decoder import DecoderFactory
 
     assert schema is not None
-    if re.search(rb"^---\s*$", schema.data, re.MULTILINE):
-        raise UndecodableError(f"'{schema.name}' holds the calls of a service, which are not read")
+    check_definition(schema.data.decode())
     return _made(DecoderFactory().decoder_for(channel.message_encoding, schema))
 
 
@@ -141,37 +140,6 @@ def _made(found: Decoder | None) -> Decoder:
     if found is None:
         raise UndecodableError("the decoder package does not take this schema")
     return found
-
-
-def ros1_fields(text: str) -> str:
-    """Return a ROS 1 message definition reduced to its fields: no comment, no constant, no other text.
-
-    Raises
-    ------
-    UndecodableError : a line is no field, or an array's fixed length is above 65536.
-    """
-    parts: list[str] = []
-    for number, part in enumerate(text.replace("\r", "").split(_ROS1_LINE)):
-        lines = part.split("\n")
-        kept: list[str] = []
-        if number > 0:
-            title = _ROS1_TYPE.fullmatch(lines.pop(0))
-            if title is None:
-                raise UndecodableError("a ROS 1 definition does not begin with 'MSG: package/Type'")
-            kept.append(f"MSG: {title[1]}")
-        kept.extend(field for line in lines if (field := _ros1_field(line)))
-        parts.append("\n".join(kept))
-    return _ROS1_LINE.join(parts)
-
-
-def _ros1_field(line: str) -> str:
-    code = line.split("#")[0].strip()
-    if not code or "=" in line.split("#")[0]:
-        return ""
-    match = _ROS1_FIELD.fullmatch(code)
-    if match is None or not code.isascii() or keyword.iskeyword(match[4]) or int(match[3] or 0) > 65536:
-        raise UndecodableError(f"'{code[:60]}' is not a field of a ROS 1 definition")
-    return f"{match[1]}{match[2] or ''} {match[4]}"
 
 
 def path(text: str) -> tuple[Token, ...]:

@@ -24,6 +24,7 @@ from mooringdx.logs.mcap_records import (
     parse,
     walk,
 )
+from mooringdx.logs.mcap_ros import UndecodableError
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -292,7 +293,7 @@ def _plan(found: Harvest, channel: Channel, schema: Schema | None, asked: Mappin
         return None
     try:
         decoder, damage = decode.decoder(channel, schema)
-    except decode.UndecodableError as error:
+    except UndecodableError as error:
         topic.refused = str(error)
         return None
     return _Plan(topic, decoder, damage, None if asked is None else asked[channel.topic])
