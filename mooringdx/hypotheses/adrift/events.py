@@ -60,13 +60,16 @@ def events(verdict: Verdict, settings: AdriftPart) -> tuple[Event, ...]:
 
 
 def kind_at(verdict: Verdict, rows: np.ndarray) -> tuple[str, int | None]:
-    """Return what the fixes ``rows`` of one warning amount to, and the row at which that was first said."""
+    """Return what the fixes ``rows`` of one warning amount to, and the row at which that was first said.
+
+    More fixes only ever raise the kind: unknown, moved, mooring_lost; what was said is not unsaid.
+    """
     call = verdict.call[rows]
     lost = rows[call == NOT_HOLDING]
     if lost.size:
         return "mooring_lost", int(lost[0])
     moved = rows[(call == HOLDING) & ~verdict.near[rows]]
-    return ("moved", int(moved[0])) if moved.size and not verdict.near[rows[-1]] else ("unknown", None)
+    return ("moved", int(moved[0])) if moved.size else ("unknown", None)
 
 
 def _event(verdict: Verdict, settings: AdriftPart, rows: np.ndarray, before: int, after: np.ndarray) -> Event:
@@ -101,7 +104,7 @@ def _event(verdict: Verdict, settings: AdriftPart, rows: np.ndarray, before: int
             "cause": _cause(verdict, rows, settings) if kind == "mooring_lost" else None,
             "said": _said(verdict, rows),
         },
-        marks=("contact_lost",) if lost else (),
+        marks=("contact_lost",) * bool(lost) + ("returned",) * bool(named is not None and verdict.near[rows[-1]]),
     )
 
 
@@ -150,7 +153,7 @@ def _rivals(verdict: Verdict, kind: str, row: int) -> tuple[Rival, ...]:
 
 
 def checks(verdict: Verdict, north: np.ndarray, east: np.ndarray) -> tuple[Check, ...]:
-    """Return what the verdict rests on: a learned watch circle, days with a fix, measured positions; and what stays unseen."""
+    """Return what the verdict rests on: learned watch circle, days with a fix, measured fixes; and what stays unseen."""
     fixes = np.flatnonzero(verdict.seen)
     n = verdict.time.size
     step = np.hypot(np.diff(north[fixes]), np.diff(east[fixes]))

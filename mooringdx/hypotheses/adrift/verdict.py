@@ -17,7 +17,8 @@ KM = 1000.0  # m
 def numbers(settings: AdriftPart) -> Numbers:
     """Return the settings as scalars and triples."""
     values: dict[str, Any] = {name: getattr(settings, name) for name in Numbers._fields}
-    return Numbers(**{k: np.array(v, dtype=np.float64) if isinstance(v, tuple) else v for k, v in values.items()})
+    typed: dict[str, Any] = {k: np.array(v, dtype=np.float64) if isinstance(v, tuple) else v for k, v in values.items()}
+    return Numbers(**typed)
 
 
 def judge(time: Array, north: Array, east: Array, settings: AdriftPart) -> Verdict:
