@@ -107,7 +107,7 @@ def _found(
 
 
 def find_gaps(cleaned: Mapping[str, Cleaned], start: float, stop: float, max_gap: float) -> tuple[Defect, ...]:
-    """Return the gaps of every signal between ``start`` and ``stop``, s, joined by clock; beyond 200 a signal in one."""
+    """Return the gaps of every signal between ``start`` and ``stop``, s, joined by clock; beyond 200, in one."""
     gaps: list[Defect] = []
     for name, c in cleaned.items():
         time = c.signal.time

@@ -58,7 +58,7 @@ def lag_groups(names: Sequence[str], declared: Mapping[str, Sequence[str]]) -> d
 
 
 def wave_frequency(names: Sequence[str], values: Array, valid: Mask, sample_time: float) -> float:
-    """Return the waves' peak frequency, Hz: of a wave gauge, else heave, pitch, roll, else the fastest peak; 0 if none."""
+    """Return the waves' peak frequency, Hz: of a wave gauge, heave, pitch, roll, else the fastest; 0 if none."""
     for kind in WAVY:
         for k, name in enumerate(names):
             if name.startswith(kind) and (peak := _peak(values[:, k], valid[:, k], sample_time)) > 0.0:

@@ -39,7 +39,7 @@ class ClockStep:
 class Ordered:
     """Samples in time order. ``index``: (n,), where each stood in the log; ``time``: (n,), s, strictly increasing.
 
-    ``late``: samples that had to be moved; ``doubled``: dropped with a stamp already used; ``far``: dropped as impossibly
+    ``late``: samples that had to be moved; ``doubled``: dropped with a used stamp; ``far``: dropped as impossibly
     far; ``overlapped``: dropped because the clock had been set back over them; ``spread``: samples that shared a coarse
     stamp and were spread evenly; ``steps``: the clock steps.
     """

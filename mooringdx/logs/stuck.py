@@ -27,9 +27,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from mooringdx.logs.lag import bridge, low_pass
 from mooringdx.types import Array, Defect, Grid, Mask, Signal
+
+Index = NDArray[np.int64]
 
 TOLERANCE = 1e-4
 RANGE_SD = 5.0
@@ -73,7 +76,7 @@ def find_holds(signal: Signal, period: float, least: float, max_gap: float) -> t
 
 
 @numba.njit(cache=True)
-def hold_runs(time: Array, values: Array, tolerance: float, gap: float) -> tuple[Array, Array]:
+def hold_runs(time: Array, values: Array, tolerance: float, gap: float) -> tuple[Index, Index]:
     """Return the first and last sample of each run that stays within ``tolerance`` of its first value, (r,) each."""
     n = values.size
     start = np.empty(n, dtype=np.int64)
@@ -140,7 +143,7 @@ class _Scene:
 
 
 def _clusters(holds: Sequence[Hold], grid: Grid, groups: Mapping[str, Sequence[str]]) -> list[list[Hold]]:
-    """Return holds of one stretch together: of a group where they overlap by half, else where they start and end as one."""
+    """Return holds of one stretch together: of a group that overlap by half, else that start and end as one."""
     close = max(2.0 * grid.sample_time, 0.1)
     clusters: list[list[Hold]] = []
     for hold in holds:
@@ -268,7 +271,7 @@ def _envelope_tie(
 
 def _taps(usable: Mask, columns: Sequence[int], tap: int) -> tuple[Mask, tuple[int, ...]]:
     """Return where all columns are usable at every tap, and the taps (samples)."""
-    good = usable[:, list(columns)].all(axis=1)
+    good = np.asarray(usable[:, list(columns)].all(axis=1), dtype=np.bool_)
     if tap == 0 or good.size <= 2 * tap:
         return good, (0,)
     out = np.zeros_like(good)
