@@ -153,7 +153,7 @@ def _rivals(verdict: Verdict, kind: str, row: int) -> tuple[Rival, ...]:
 
 
 def checks(verdict: Verdict, north: np.ndarray, east: np.ndarray) -> tuple[Check, ...]:
-    """Return what the verdict rests on: learned watch circle, days with a fix, measured fixes; and what stays unseen."""
+    """Return what the verdict rests on: learned circle, days with a fix, measured fixes; and what stays unseen."""
     fixes = np.flatnonzero(verdict.seen)
     n = verdict.time.size
     step = np.hypot(np.diff(north[fixes]), np.diff(east[fixes]))

@@ -76,7 +76,7 @@ class Trace(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict day by day; on a day without a fix the last one stands. Lengths in m, times in s.
+    """The verdict day by day; on a day without a fix the last one stands, for a while. Lengths in m, times in s.
 
     ``time``, ``seen`` (a fix that day), ``radius`` (shrunken 95 % radius of the watch circle), ``limit`` (warning
     distance), ``offset`` (from the neutral point), ``cusum``, ``rise`` (s, when the CUSUM last left zero), ``call``

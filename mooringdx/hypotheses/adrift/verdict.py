@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mooringdx.config import AdriftPart
-from mooringdx.hypotheses.adrift.nouns import HYPOTHESES, Numbers, Verdict
+from mooringdx.hypotheses.adrift.nouns import HYPOTHESES, LEARNING, WARNING, Numbers, Verdict
 from mooringdx.types import Array, Mask
 
 DAY = 86400.0  # s
@@ -33,7 +33,8 @@ def judge(time: Array, north: Array, east: Array, settings: AdriftPart) -> Verdi
     Returns
     -------
     Verdict with n rows; causal: the verdict on a prefix is the prefix of the verdict. Turning or shifting the track
-    changes nothing but the neutral point.
+    changes nothing but the neutral point. A day without a fix keeps the last verdict, until the silence is longer than
+    ``lost_gap`` under warning or ``expired_gap`` without: then nothing is known and the next fix starts to learn.
 
     Raises
     ------
@@ -55,11 +56,14 @@ def judge(time: Array, north: Array, east: Array, settings: AdriftPart) -> Verdi
     last = np.cumsum(seen) - 1
     started = last >= 0
     row = np.maximum(last, 0)
+    patience = np.where(trace.call[row] >= WARNING, settings.lost_gap, settings.expired_gap) * DAY
+    stale = started & (time - time[fixes][row] > patience)
 
     def length(values: Array) -> Array:
         return np.asarray(np.where(started, values[row] * KM, np.nan))
 
-    probability = np.where(started[:, None], trace.probability[row], np.eye(len(HYPOTHESES))[0])
+    known = started & ~stale
+    probability = np.where(known[:, None], trace.probability[row], np.eye(len(HYPOTHESES))[LEARNING])
     return Verdict(
         time=time,
         seen=seen,
@@ -69,9 +73,9 @@ def judge(time: Array, north: Array, east: Array, settings: AdriftPart) -> Verdi
         offset=length(trace.offset),
         cusum=np.where(started, trace.cusum[row], 0.0),
         rise=np.where(started, time[fixes][trace.rise[row]], np.nan),
-        call=np.where(started, trace.call[row], -1),
-        episode=np.where(started, trace.episode[row], -1),
-        near=started & trace.near[row],
+        call=np.where(known, trace.call[row], np.where(started, LEARNING, -1)),
+        episode=np.where(known, trace.episode[row], -1),
+        near=known & trace.near[row],
         probability=probability,
     )
 
