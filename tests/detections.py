@@ -176,7 +176,7 @@ def _threshold(statistic: Statistic, verdict: str, share: float, window: tuple[f
         drift_ratio=0.88,
         verdict=verdict,
         reason=reasons[verdict],
-        tail={"weibull_scale": 0.346, "weibull_shape": 0.62},
+        tail={"degrees": 1.0, "median": 0.2275, "shape": 0.85, "central_level": 28.0},
         curve=curve,
     )
 
@@ -198,9 +198,9 @@ RUN: dict[str, Any] = {
     "alarm": {"rate": "0.03333333333333333/day", "assurance": 0.9},
 }
 CHOICE = (
-    {"whitening": "none + Q_M", "smallest fault (N)": 0.31, "direction": "line_4", "Ljung-Box/N": 5.2, "chosen": False},
-    {"whitening": "ARMA", "smallest fault (N)": 0.12, "direction": "line_4", "Ljung-Box/N": 0.04, "chosen": False},
-    {"whitening": "ARMA + fang", "smallest fault (N)": 0.1, "direction": "line_4", "Ljung-Box/N": 0.05, "chosen": True},
+    {"whitening": "none", "smallest line_lost line_4": 0.31, "rate": 1.0, "taken": False},
+    {"whitening": "arma", "smallest line_lost line_4": 0.12, "rate": 1.0, "taken": False},
+    {"whitening": "arma + fang", "smallest line_lost line_4": 0.1, "rate": 1.0, "taken": True},
 )
 CHECKS = (
     Check("whiteness", "learned_tension_4", True, "Ljung-Box over N at wave-period lags", 0.05, 0.2, "1"),

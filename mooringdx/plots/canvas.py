@@ -172,6 +172,18 @@ def display(unit: str, values: Array) -> tuple[float, str]:
     return 1.0, unit if unit not in ("", "1") else "-"
 
 
+def log_scale(axes: Axes) -> None:
+    """Make a y axis logarithmic with few, plainly written ticks."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(numticks=8))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:g}".replace("e-0", "e-").replace("e+0", "e"))
+    )
+
+
 def envelope(x: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     """Thin a line to at most ``2 * points`` vertices that show every extreme.
 

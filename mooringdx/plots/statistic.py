@@ -1,17 +1,14 @@
 """The detection statistic against its threshold, and its distribution when nothing is wrong.
 
-Laws of the tail of the scaled no-fault statistic g, as the threshold stored them:
-Weibull [Fang2015, eq. 20-22]            P(g > x) = exp(-(x / scale)^shape)
-Weibull tied to the median m             P(g > x) = 2^(-(x / m)^shape)
-power of a normal variable, tied to m    P(g > x) = erfc(0.47694 (x / m)^shape)
+Law of the tail of the scaled no-fault statistic, as the threshold stored it (a power of a chi-square, tied to
+the median m), in place of the Weibull of [Fang2015, eq. 20-22]:
+P(g > x) = Q(d/2, c (x/m)^shape),   Q(d/2, c) = 1/2,   d the degrees of freedom, Q the upper incomplete gamma ratio.
 """
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,17 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FLOOR = 0.01
-LAWS: dict[str, tuple[tuple[str, str], Callable[[Array, float, float], Array]]] = {
-    "upper-half Weibull": (
-        ("weibull_upper_median", "weibull_upper_shape"),
-        lambda x, m, b: np.exp2(-((x / m) ** b)),
-    ),
-    "normal power": (
-        ("normal_power_median", "normal_power_shape"),
-        lambda x, m, b: np.array([math.erfc(v) for v in 0.4769362762044699 * (x / m) ** b]),
-    ),
-    "Weibull": (("weibull_scale", "weibull_shape"), lambda x, s, b: np.exp(-((x / s) ** b))),
-}
+BOXED: Any = {"frameon": True, "framealpha": 0.85, "edgecolor": "none"}
 
 
 def parts(detection: Detection) -> tuple[str, ...]:
@@ -83,17 +70,17 @@ def history(
     x, y = at(grid.time[rows]), np.maximum(ratio(statistic, threshold)[rows], FLOOR)
     bold = _suspects(detection, statistic)[:4]
     rest = [j for j in range(y.shape[1]) if j not in bold]
-    for place, j in enumerate(bold):
+    for order, j in enumerate(bold):
         label = statistic.labels[j].replace("_", " ")
         panel.plot(
-            *canvas.envelope(x, y[:, j]), color=canvas.CYCLE[place], lw=1.2, zorder=3.9 - 0.1 * place, label=label
+            *canvas.envelope(x, y[:, j]), color=canvas.CYCLE[order], lw=1.2, zorder=3.9 - 0.1 * order, label=label
         )
     if rest:
         label = "largest of the other faults" if bold else "largest of all faults"
         panel.plot(*canvas.envelope(x, _largest(y[:, rest])), color="#aab0ba", lw=0.8, zorder=2, label=label)
-    panel.set_yscale("log")
+    canvas.log_scale(panel)
     top = float(np.nanmax(y)) if np.isfinite(y).any() else 1.0
-    panel.set_ylim(FLOOR, max(50.0, 40.0 * top))
+    panel.set_ylim(FLOOR, max(8.0, 3.0 * top) if window else max(50.0, 40.0 * top))
     panel.margins(x=0.0)
     if threshold is not None:
         panel.axhline(1.0, color=canvas.RED, lw=1.4, zorder=5, label=_level_words(threshold))
@@ -104,8 +91,8 @@ def history(
     canvas.shade(panel, detection, at)
     panel.set_xlim(x[0], x[-1])
     at.dress(panel)
-    panel.legend(loc="upper left", ncols=2, handlelength=1.2, borderaxespad=0.3, frameon=True, framealpha=0.85,
-                 edgecolor="none")  # fmt: skip
+    place = "lower right" if window else "upper left"
+    panel.legend(loc=place, ncols=2, handlelength=1.2, borderaxespad=0.3, **BOXED)
 
 
 def _largest(values: Array) -> Array:
@@ -138,39 +125,32 @@ def _distribution(panel: Axes, threshold: Threshold) -> None:
     panel.plot(x[keep], p[keep], color=canvas.BLUE, lw=0, marker=".", ms=4, label="no-fault record")
     law = tail(threshold, np.linspace(0.0, 1.15 * threshold.scaled_level, 200)[1:])
     if law is not None:
-        panel.plot(*law, color=canvas.INK, lw=1.2, label=f"fitted tail ({law_name(threshold)})")
+        panel.plot(*law, color=canvas.INK, lw=1.2, label="fitted law")
     panel.axvline(threshold.scaled_level, color=canvas.RED, lw=1.4, label=_level_words(threshold))
     low, high = threshold.scaled_interval
     if np.isfinite([low, high]).all():
         panel.axvspan(low, high, color=canvas.RED, alpha=0.10, lw=0)
-    if threshold.probability > 0:
-        panel.axhline(threshold.probability, color=canvas.FAINT, lw=0.9, ls=":")
-    panel.set_yscale("log")
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    panel.yaxis.set_major_locator(LogLocator(numticks=8))
-    panel.yaxis.set_minor_locator(NullLocator())
-    lowest = min([float(p[keep].min(initial=1.0)), threshold.probability or 1.0])
-    panel.set_ylim(0.2 * lowest, 2.0)
+    asked = threshold.probability if threshold.probability > 0 else 1.0
+    if asked < 1.0:
+        panel.axhline(asked, color=canvas.FAINT, lw=1.1, ls=":", label="asked rate")
+    canvas.log_scale(panel)
+    panel.set_ylim(0.2 * min(float(p[keep].min(initial=1.0)), asked), 2.0)
     panel.set_xlim(0.0, max(1.15 * threshold.scaled_level, 1.05 * min(high, 3 * threshold.scaled_level)))
     panel.set_xlabel("scaled statistic (-)")
-    panel.set_ylabel("probability of exceedance per sample (-)")
-    panel.legend(loc="upper right", handlelength=1.2, frameon=True, framealpha=0.85, edgecolor="none")
-
-
-def law_name(threshold: Threshold) -> str:
-    """Return the name of the stored law, empty when it is none of `LAWS`."""
-    return next((name for name, (keys, _) in LAWS.items() if all(k in threshold.tail for k in keys)), "")
+    panel.set_ylabel("probability of exceedance (-)")
+    panel.legend(loc="upper right", handlelength=1.2, **BOXED)
 
 
 def tail(threshold: Threshold, x: Array) -> tuple[Array, Array] | None:
     """Return (x, exceedance) of the stored central law, or None when its parameters are not stored."""
-    name = law_name(threshold)
-    if not name:
+    stored = threshold.tail
+    if not {"degrees", "median", "shape"} <= set(stored):
         return None
-    keys, law = LAWS[name]
-    p = law(x, *(float(threshold.tail[k]) for k in keys))
-    return x[p > 0], p[p > 0]
+    from scipy.special import gammaincc, gammainccinv
+
+    half = 0.5 * stored["degrees"]
+    p = gammaincc(half, gammainccinv(half, 0.5) * (x / stored["median"]) ** stored["shape"])
+    return x[p > 0], np.asarray(p[p > 0])
 
 
 def caption(detection: Detection, branch: str) -> str:
@@ -183,11 +163,12 @@ def caption(detection: Detection, branch: str) -> str:
     if threshold.curve.shape[0]:
         words += (
             " Right: how often the no-fault statistic (scaled, all faults pooled) exceeded a value."
-            " The level stands where the law meets the dotted probability; the further it is from the last dot,"
-            " the more it rests on the law."
+            " The law meets the dotted line, the asked rate, about at the best estimate of the level; the level"
+            " itself stands further right, so that the rate holds with the wanted assurance. The further it is from the"
+            " last dot, the more it rests on the law."
         )
     if threshold.verdict != "supported":
-        words += f" The level is {threshold.verdict.upper()}: {threshold.reason}."
+        words += f" The level is {threshold.verdict.upper()}: {threshold.reason.rstrip('.')}."
     return words
 
 

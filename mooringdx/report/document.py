@@ -156,7 +156,7 @@ def limits(detection: Detection) -> list[str]:
         )
     branches = {s.branch for s in detection.statistics}
     if branches and "slow" not in branches:
-        out.append("No slow branch was run: a change slower than the reference adapts is not excluded.")
+        out.append("No slow branch was run: a change so slow that the reference adapts to it is not excluded.")
     if detection.statistics and not {"north", "east"} & set(detection.channels.names):
         out.append("No position in north and east was logged, which is what tells a lost line from a wrong gauge.")
     return out
