@@ -1,7 +1,7 @@
 """The catalogue of channel names: unit, plausible range, meaning; and the way from a file's units to it.
 
 Frames are NED, body axes x forward, y starboard, z down, heading clockwise from north. Wind and waves are *from*,
-current is *towards*, degrees true in files and rad inside. Everything that has no name here is a free channel ``x_<name>``.
+current is *towards*, degrees true in files and rad inside. What has no name here is a free channel ``x_<name>``.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ _SPELLING = {
     "°": "degree", "degs": "degree", "kn": "knot", "kt": "knot", "kts": "knot", "mps": "m/s", "kmh": "km/h",
     "kph": "km/h", "t": "metric_ton", "te": "metric_ton", "tonne": "metric_ton", "tonnes": "metric_ton",
     "tonnef": "metric_ton*g_0", "tonne-force": "metric_ton*g_0", "tonne_force": "metric_ton*g_0",
-    "tf": "metric_ton*g_0",     "kgf": "kilogram*g_0", "kg-force": "kilogram*g_0", "kg_force": "kilogram*g_0", "kp": "kilogram*g_0",
+    "tf": "metric_ton*g_0",
+    "kgf": "kilogram*g_0", "kg-force": "kilogram*g_0", "kg_force": "kilogram*g_0", "kp": "kilogram*g_0",
     "Nm": "N*m", "kNm": "kN*m", "MNm": "MN*m", "N-m": "N*m", "kN-m": "kN*m", "C": "degC", "°C": "degC", "sec": "s",
     "secs": "s", "deg/sec": "degree/s", "m/sec": "m/s", "g": "gram", "lbs": "pound", "kips": "kip",
 }  # fmt: skip
@@ -87,8 +88,10 @@ _NAMES = {
 }  # fmt: skip
 # Endings that are read as a unit ("north_km"); not short ones that mostly mean something else ("T1_min", "pos_N").
 _ENDINGS = (
-    "m mm cm km ft s ms us ns kN MN tonnef tf kgf deg rad mrad mps kts knots kmh rpm Hz Pa kPa MPa hPa mbar V mV pct"
-).split()
+    "m", "mm", "cm", "km", "ft", "s", "ms", "us", "ns", "kN", "MN", "tonnef", "tf", "kgf",
+    "deg", "rad", "mrad", "mps", "kts", "knots", "kmh", "rpm", "Hz", "Pa", "kPa",
+    "MPa", "hPa", "mbar", "V", "mV", "pct",
+)  # fmt: skip
 # In brackets these name a side, a number or nothing rather than a unit: "Tension (PS)", "Line (1)".
 _NO_UNIT = frozenset(("", "1", "PS", "ps", "P", "S", "A", "B", "D", "F", "L", "R"))
 _FORCE_WORD = re.compile(r"(?i)tension|force|thrust|load|line|fair|anch|^t_?\d+$")

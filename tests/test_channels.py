@@ -82,7 +82,7 @@ def test_si_form_of_a_free_unit(unit: str, si: str) -> None:
     [("T1 [kN]", "T1", "kN"), ("psi (deg)", "psi", "deg"), ("Tension_SB [N]", "Tension_SB", "N"), ("x_m", "x", "m"),
      ("T1_kN", "T1", "kN"), ("Force / N", "Force", "N"), ("north_km", "north", "km"), ("T1_N", "T1", "N"),
      ("pos_N", "pos_N", None), ("Tension (PS)", "Tension (PS)", None), ("Line (1)", "Line (1)", None),
-     ("wind_u_mps", "wind_u", "mps"), ("ACC [m/s2]", "ACC", "m/s2"), ("T1_min", "T1_min", None), ("heading", "heading", None),
+     ("wind_u_mps", "wind_u", "mps"), ("ACC [m/s2]", "ACC", "m/s2"), ("T1_min", "T1_min", None),
      ("WM_Position", "WM_Position", None), ("Sway[m]", "Sway", "m"), ("thrust, kN", "thrust", "kN"),
      ("ratio [-]", "ratio", "-"), ("wave_elevation_1 (cm)", "wave_elevation_1", "cm"), ("lat_deg", "lat", "deg")],
 )  # fmt: skip
