@@ -1,8 +1,8 @@
 """Whitening: identify the colour of each residual, take it out, compress the tails, and say how white the rest is."""
 
-from mooringdx.whiten.arma import ORDERS, Arma, fit_arma, step_response
+from mooringdx.whiten.arma import ORDERS, Arma, Order, fit_arma, step_response
 from mooringdx.whiten.compress import Compressor, fit_compression, fixed_point
-from mooringdx.whiten.whitener import KINDS, Whitener, compressed, fit_whitener, settling
+from mooringdx.whiten.whitener import KINDS, Kind, Whitener, compressed, fit_whitener, settling
 from mooringdx.whiten.whiteness import Whiteness, autocorrelation, whiteness
 
 __all__ = [
@@ -10,6 +10,8 @@ __all__ = [
     "ORDERS",
     "Arma",
     "Compressor",
+    "Kind",
+    "Order",
     "Whitener",
     "Whiteness",
     "autocorrelation",

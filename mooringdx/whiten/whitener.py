@@ -26,8 +26,9 @@ from mooringdx.config import Compression
 from mooringdx.errors import FitError
 from mooringdx.registry import did_you_mean
 from mooringdx.types import Array, Mask, Residuals, Signatures, Whitened, locked
-from mooringdx.whiten.arma import Arma, Order, fit_arma, step_response
+from mooringdx.whiten.arma import Arma, fit_arma, step_response
 from mooringdx.whiten.compress import Compressor, fit_compression
+from mooringdx.whiten.squares import Order
 
 Kind = Literal["none", "arma", "arma+compression"]
 KINDS: tuple[Kind, ...] = ("none", "arma", "arma+compression")
