@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +13,14 @@ from scipy.integrate import quad, solve_ivp, trapezoid
 from scipy.optimize import fsolve
 
 from mooringdx.errors import ConfigError
-from mooringdx.simulate import Scenario, load_scenario, simulate
+from mooringdx.simulate import Scenario, load_scenario, save_log, simulate
 from mooringdx.simulate.record import stream
 from mooringdx.simulate.rig import drift_about, tension, tensions
 from mooringdx.simulate.scenario import Failure
 from mooringdx.simulate.sea import GRAVITY, hull_answer, jonswap, wander, waves
 
 SCENARIOS = Path(__file__).parents[1] / "configs" / "scenarios"
+DATA = Path(__file__).parents[1] / "data"
 ONSET = 1320.0
 
 
@@ -245,6 +248,31 @@ def test_the_seed_decides_everything() -> None:
     for key in first:
         np.testing.assert_array_equal(first[key].values, again[key].values)
         assert np.any(first[key].values != other[key].values)
+
+
+def test_the_clock_starts_at_zero_and_keeps_its_step(logs: dict[str, Any]) -> None:
+    for signal in logs["demo"][0].signals.values():
+        np.testing.assert_array_equal(signal.time, np.round(0.1 * np.arange(15000), 6))
+
+
+@pytest.mark.parametrize("ending", ["csv", "mcap"])
+def test_the_stored_logs_are_what_the_simulator_makes(logs: dict[str, Any], tmp_path: Path, ending: str) -> None:
+    sums = dict(reversed(line.split()) for line in (DATA / "SHA256SUMS").read_text().splitlines())
+    stored = (DATA / f"demo.{ending}").read_bytes()
+    assert hashlib.sha256(stored).hexdigest() == sums[f"demo.{ending}"]
+    assert len(stored) <= 2_000_000
+    made = tmp_path / f"demo.{ending}"
+    save_log(logs["demo"][0], made)
+    assert made.read_bytes() == stored, "make the logs anew with `make data`, and say so in the changelog"
+
+
+def test_the_stored_truth_is_the_simulators(logs: dict[str, Any]) -> None:
+    assert json.loads((DATA / "demo.truth.json").read_text()) == json.loads(json.dumps(logs["demo"][1]))
+
+
+def test_an_unknown_ending_is_one_sentence(logs: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="unknown log format 'xyz'"):
+        save_log(logs["demo"][0], tmp_path / "demo.xyz")
 
 
 def test_truth_says_what_was_put_in(logs: dict[str, Any]) -> None:
