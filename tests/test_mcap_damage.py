@@ -207,11 +207,14 @@ def test_the_checksum_of_the_data_section_is_compared(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("length", [0, 1, 21, 23, 50, 300, 2**20, 2**32 + 7, 2**60, 2**64 - 1])
-@pytest.mark.parametrize("chunked", [True, False])
-def test_a_wrong_length_costs_that_record_and_no_memory(tmp_path: Path, length: int, chunked: bool) -> None:
+@pytest.mark.parametrize("kind", [None, CompressionType.NONE, CompressionType.ZSTD])
+def test_a_wrong_length_costs_that_record_and_no_memory(
+    tmp_path: Path, length: int, kind: CompressionType | None
+) -> None:
     """A length may claim anything; the walk finds the next record again."""
     path = tmp_path / "a.mcap"
-    whole = sample(path, 60, use_chunking=chunked)
+    chunked = kind is not None
+    whole = sample(path, 60, use_chunking=chunked, compression=kind or CompressionType.NONE)
     wanted = 6 if chunked else 5
     starts = [start for opcode, start, _ in spans(whole) if opcode == wanted]
     bad = bytearray(whole)
@@ -240,6 +243,24 @@ def test_definitions_in_a_lost_first_chunk_are_taken_from_the_summary(tmp_path: 
     assert len(found) > 20
     rows = {c.name: c for c in log.checks}
     assert rows["mcap_messages_missing"].value == 60 - len(found) - len(values(read(path), "/b v"))
+
+
+def test_definitions_that_were_overwritten_before_the_first_message(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    whole = sample(path, 60, use_chunking=False)
+    channels = [(start, end) for opcode, start, end in spans(whole) if opcode == 4][:2]
+    start, end = channels[0][0], channels[1][1]
+    path.write_bytes(whole[:start] + bytes(end - start) + whole[end:])
+    assert values(read(path), "/a v") == list(range(0, 60, 2))
+
+
+def test_a_damaged_compression_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    whole = sample(path, 60, compression=CompressionType.ZSTD)
+    at = chunk_starts(whole)[1][0] + 9 + 32
+    assert whole[at : at + 4] == b"zstd"
+    path.write_bytes(whole[:at] + b"zsud" + whole[at + 4 :])
+    assert values(read(path), "/a v") == list(range(0, 60, 2))
 
 
 def test_a_file_without_its_first_bytes_is_still_read(tmp_path: Path) -> None:
@@ -295,7 +316,7 @@ def test_inflate_gives_the_bytes_before_the_fault(name: str) -> None:
     import lz4.frame
     import zstandard
 
-    body = np.random.default_rng(1).integers(0, 40, 3_000_000, dtype=np.uint8).tobytes()
+    body = np.random.default_rng(1).integers(0, 40, 600_000, dtype=np.uint8).tobytes()
     packed = zstandard.compress(body) if name == "zstd" else lz4.frame.compress(body)
     assert inflate(name, packed) == (body, "")
     bad = bytearray(packed)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import logging
 import re
 import struct
 import sys
@@ -27,6 +28,7 @@ Token = str | int
 Decoder = Callable[[bytes], Any]
 
 _PATH = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
+_QUIET = logging.NullHandler()
 _NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _PARTS = (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"), ("seconds", "nanos"))
 
@@ -115,6 +117,7 @@ def _ros1(channel: Channel, schema: Schema | None) -> Decoder:
     plain = plain_ros1(schema.data.decode("utf-8", errors="replace"))
     check_definition(plain)
     clean = Schema(id=schema.id, name=schema.name, encoding=schema.encoding, data=plain.encode())
+    logging.getLogger("rosout").addHandler(_QUIET)  # a damaged text is counted, not printed
     places = list(sys.path)
     try:
         return _made(DecoderFactory().decoder_for(channel.message_encoding, clean))
