@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, FAINT, QUIET = "#333333", "#8a8f98", "#dcecf7"
+INK, FAINT, QUIET, GAP = "#333333", "#8a8f98", "#dcecf7", "#e4e4e6"
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072b2", "#e69f00", "#009e73", "#c1440e", "#9467a8", "#56b4e9"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#7f6000", "#cc79a7", INK)
 POINTS = 1500

@@ -53,6 +53,8 @@ def draw(detection: Detection, part: str) -> Figure:
         style = {"marker": ".", "ms": 4} if x.size < 600 else {}
         panel.plot(*canvas.envelope(x, factor * values[rows]), color=canvas.BLUE, **style)
         panel.set_ylabel(f"{name}\n({shown})", rotation=0, ha="right", va="center")
+        for start, stop in canvas.holes(np.isfinite(values[rows])):
+            panel.axvspan(x[start], x[min(stop, x.size - 1)], color=canvas.GAP, lw=0, zorder=0.5)
         panel.locator_params(axis="y", nbins=4)
         panel.margins(x=0.0)
         _marks(panel, event, at)
@@ -87,7 +89,7 @@ def _marks(panel: Axes, event: Event, at: canvas.Clock) -> None:
     panel.axvspan(at(low), at(high), color=canvas.ORANGE, alpha=0.30, lw=0, zorder=1)
     panel.axvline(at(event.onset), color=canvas.RED, lw=1.4, ls=(0, (5, 2)), zorder=5)
     panel.axvline(at(event.detected), color=canvas.INK, lw=1.2, zorder=4)
-    if event.named is not None:
+    if event.named is not None and event.named > event.detected:
         panel.axvline(at(event.named), color=canvas.INK, lw=1.2, ls=":", zorder=4)
 
 
@@ -100,7 +102,7 @@ def _legend(panel: Axes, event: Event) -> None:
         Patch(color=canvas.ORANGE, alpha=0.30, lw=0, label="onset, 95 % interval"),
         Line2D([], [], color=canvas.INK, label="detected"),
     ]
-    if event.named is not None:
+    if event.named is not None and event.named > event.detected:
         keys.append(Line2D([], [], color=canvas.INK, ls=":", label="named"))
     panel.legend(handles=keys, loc="lower left", bbox_to_anchor=(0.0, 1.02), ncols=4, borderaxespad=0.0)
 
@@ -111,6 +113,6 @@ def caption(detection: Detection, part: str) -> str:
     number = part.removeprefix("event_")
     words = f"Event {number} from close by: what the sensors read, the residuals it moves"
     words += " and the statistic over its alarm level." if statistic.parts(detection) else "."
-    if event.named is not None:
+    if event.named is not None and event.named > event.detected:
         words += " The alarm comes at 'detected'; the name is decided only at 'named', when the window is full of it."
     return words

@@ -43,8 +43,6 @@ def draw(detection: Detection, bank: str) -> Figure:
         panel.set_xlim(x[0], x[-1])
         at.dress(panel)
     axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.04), ncols=6, borderaxespad=0.0)
-    if first is not None:
-        axes[0, 0].set_xlabel("")
     return figure
 
 

@@ -29,7 +29,7 @@ def _stack(
         style = {"marker": ".", "ms": 2.5} if y.size < 600 else {}
         panel.plot(*canvas.envelope(x, factor * y), color=canvas.BLUE, **style)
         for start, stop in canvas.holes(ok):
-            panel.axvspan(x[start], x[min(stop, x.size - 1)], color="#e4e4e6", lw=0, zorder=1)
+            panel.axvspan(x[start], x[min(stop, x.size - 1)], color=canvas.GAP, lw=0, zorder=1)
         if zero:
             panel.axhline(0.0, color=canvas.FAINT, lw=0.8, zorder=1)
         panel.set_ylabel(f"{name.replace('_', ' ')}\n({shown})", rotation=0, ha="right", va="center")

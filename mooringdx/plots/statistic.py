@@ -8,7 +8,7 @@ P(g > x) = Q(d/2, c (x/m)^shape),   Q(d/2, c) = 1/2,   d the degrees of freedom,
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FLOOR = 0.01
-BOXED: Any = {"frameon": True, "framealpha": 0.85, "edgecolor": "none"}
 
 
 def parts(detection: Detection) -> tuple[str, ...]:
@@ -88,11 +87,17 @@ def history(
         if np.isfinite([low, high]).all() and 0 < low < high:
             panel.axhspan(low, high, color=canvas.RED, alpha=0.10, lw=0, zorder=1)
     panel.set_ylabel("statistic / alarm level (-)" if threshold is not None else "statistic (-)")
-    canvas.shade(panel, detection, at)
+    if window is None:
+        canvas.shade(panel, detection, at)
     panel.set_xlim(x[0], x[-1])
     at.dress(panel)
-    place = "lower right" if window else "upper left"
-    panel.legend(loc=place, ncols=2, handlelength=1.2, borderaxespad=0.3, **BOXED)
+    _legend(panel, "lower right" if window else "upper left", 2)
+
+
+def _legend(panel: Axes, place: Literal["lower right", "upper left", "upper right"], columns: int) -> None:
+    panel.legend(
+        loc=place, ncols=columns, handlelength=1.2, borderaxespad=0.3, frameon=True, framealpha=0.85, edgecolor="none"
+    )
 
 
 def _largest(values: Array) -> Array:
@@ -138,7 +143,7 @@ def _distribution(panel: Axes, threshold: Threshold) -> None:
     panel.set_xlim(0.0, max(1.15 * threshold.scaled_level, 1.05 * min(high, 3 * threshold.scaled_level)))
     panel.set_xlabel("scaled statistic (-)")
     panel.set_ylabel("probability of exceedance (-)")
-    panel.legend(loc="upper right", handlelength=1.2, **BOXED)
+    _legend(panel, "upper right", 1)
 
 
 def tail(threshold: Threshold, x: Array) -> tuple[Array, Array] | None:
