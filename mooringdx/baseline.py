@@ -19,11 +19,12 @@ from mooringdx.chain import SHARES, Chain, Pieces, fit_chain, held_back, segment
 from mooringdx.checks import agitation, drift_check, whiteness_check
 from mooringdx.config import RunConfig, rate_text
 from mooringdx.detectors.covariance import covariance_of_means
+from mooringdx.detectors.design import Design
 from mooringdx.errors import ReportError
 from mooringdx.residuals.training import Training
 from mooringdx.results import decode, encode, json_bytes, read_json
-from mooringdx.threshold import drift_ratio, fit_threshold, smallest_fault
-from mooringdx.timing import LEAST_WINDOWS, Timing
+from mooringdx.threshold import DRIFT_LIMIT, drift_ratio, fit_threshold, predicted_threshold, smallest_fault
+from mooringdx.timing import Timing
 from mooringdx.types import Array, Channels, Check, Residuals, Threshold, Whitened
 from mooringdx.whiten.whitener import KINDS, Kind
 
@@ -172,7 +173,7 @@ def learn(
     taken = trials[best]
     choice = tuple({**t.row, "taken": i == best} for i, t in enumerate(trials))
     plain = [taken.chain.whitener.uncompressed()(r) for r in measured]
-    verdict, reason = judge(taken.thresholds, timing)
+    main = taken.thresholds[0]
     channels = [t.channels for t in training]
     rows = np.vstack([t.channels.values[piece] for t in training for piece in t.pieces])
     fitted = Fitted(
@@ -190,8 +191,8 @@ def learn(
         choice=choice,
         checks=_checks(measured, plain, pieces, taken.thresholds, timing),
         windows=tuple(_where(c, t.pieces) for c, t in zip(channels, training, strict=True)),
-        verdict=verdict,
-        reason=reason,
+        verdict=main.verdict,
+        reason=main.reason,
     )
 
 
@@ -220,39 +221,41 @@ def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunCo
     shares["main"] += 1.0 - sum(shares.values())
     plain = [chain.whitener.uncompressed()(r) for r in measured]
     ratio = drift_ratio(segments(plain, pieces), timing.window)
-    thresholds = tuple(
-        fit_threshold(
-            design.branch,
-            held[design.branch],
-            window=design.window,
-            sample_time=timing.sample_time,
-            rate=run.alarm.rate * shares[design.branch],
-            assurance=run.alarm.assurance,
-            drift_ratio=ratio,
-            frozen=design.reference.tau is None,
-        )
-        for design in chain.designs
-    )
-    found = smallest_fault(chain.designs[0], thresholds[0])
+    thresholds = tuple(_level(d, held[d.branch], run, timing, shares[d.branch], ratio) for d in chain.designs)
+    naming, main = chain.naming, thresholds[0]
+    scale = np.broadcast_to(main.scale, naming.sign.shape)
+    level = np.broadcast_to(main.level, naming.sign.shape)
+    design = chain.designs[0]
+    found = smallest_fault(design.directions, design.sign, design.covariance, design.window, level, scale).needed
     signatures = measured[0].signatures
     sizes = {f.label: f"{v:.3g} {u}" for f, v, u in zip(signatures.faults, found, signatures.units, strict=True)}
-    usable = found[np.isfinite(found) & (found > 0)]
-    merit = float(np.mean(np.log(usable))) if len(usable) == len(found) else np.inf
-    row = {"whitening": kind, "smallest": sizes, "merit": merit, "level": thresholds[0].scaled_level, "drift": ratio}
+    merit = float(np.mean(np.log(found))) if np.isfinite(found).all() else np.inf
+    row = {"whitening": kind, "smallest": sizes, "merit": merit, "level": main.scaled_level, "drift": ratio}
     return _Trial(chain, thresholds, row, merit)
 
 
-def judge(thresholds: Sequence[Threshold], timing: Timing) -> tuple[str, str]:
-    """Return the verdict on the asked rate, the worst of the main branch's and the record length's, and why."""
-    main = thresholds[0]
-    windows = timing.measured / timing.window
-    if windows < LEAST_WINDOWS:
-        missing = (LEAST_WINDOWS * timing.window - timing.measured) * timing.sample_time
-        return "invalid", (
-            f"the no-fault record holds {windows:.0f} detector windows, {LEAST_WINDOWS} are needed for a rate: "
-            f"{missing:.0f} s ({missing / 60:.1f} min) more, or a shorter [detector] window"
-        )
-    return main.verdict, main.reason
+def _level(
+    design: Design, held: Sequence[Array], run: RunConfig, timing: Timing, share: float, drift: float
+) -> Threshold:
+    """Return one branch's level: from held-back statistics, or from theory for a window too long to be tried."""
+    rate, assurance = run.alarm.rate * share, run.alarm.assurance
+    common: dict[str, Any] = {"samples": timing.measured, "drift_ratio": drift, "system_rate": run.alarm.rate}
+    if design.branch == "slow":
+        window = (design.window, timing.window)
+        return predicted_threshold("slow", design.sign, *window, timing.sample_time, rate, assurance, **common)
+    following = design.reference.tau is not None
+    dof = len(design.reference.mean) if design.branch == "main" and run.detector.kind == "glrt_unknown" else 1
+    return fit_threshold(
+        design.branch,
+        held,
+        design.window,
+        timing.sample_time,
+        rate,
+        assurance,
+        following=following,
+        dof=dof,
+        **common,
+    )
 
 
 def _moments(measured: Sequence[Residuals], pieces: Pieces, window: int, run: RunConfig) -> Moments:
@@ -282,7 +285,7 @@ def _checks(
         )
         after = whiteness([np.where(plain[i].valid[s, r], plain[i].values[s, r], np.nan) for i, s in pieces], lags)
         rows.append(whiteness_check(name, before.ljung_box, after.ljung_box))
-    rows.append(drift_check(thresholds[0].drift_ratio, 1.2))
+    rows.append(drift_check(thresholds[0].drift_ratio, DRIFT_LIMIT))
     return tuple(rows)
 
 

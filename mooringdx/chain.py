@@ -42,7 +42,6 @@ class Walk:
     whitened: Whitened
     plain: Whitened
     statistics: tuple[Statistic, ...]
-    naming: Statistic
 
 
 @dataclass(frozen=True)
@@ -63,13 +62,13 @@ class Chain:
             main = design.branch == "main"
             detector = self._detector(design) if main else Glrt(design)
             statistics.append(detector(z if main else plain))
-        return Walk(z, plain, tuple(statistics), Glrt(self.naming)(plain))
+        return Walk(z, plain, tuple(statistics))
 
     def _detector(self, design: Design) -> Detector:
         """Return the main branch's detector; a cumulative sum is designed for 3 sd of a window mean unless told."""
         kind = resolve(self.detector, DETECTORS, "detector")
         if kind is not Cusum:
-            return kind(design)  # type: ignore[call-arg]
+            return kind(design)
         energy = np.einsum("fr,rs,fs->f", design.directions, np.linalg.inv(design.covariance), design.directions)
         smallest = 3.0 / np.sqrt(design.window * energy)
         return Cusum(design, np.full(len(energy), self.design_size) if self.design_size else smallest)
@@ -78,7 +77,7 @@ class Chain:
         """Return the chain whose following references are held while its own alarms stand."""
         level = {t.branch: t.level for t in thresholds}
         designs = tuple(replace(d, level=level[d.branch]) for d in self.designs)
-        return replace(self, designs=designs, naming=replace(self.naming, level=level["main"]))
+        return replace(self, designs=designs)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping."""
@@ -116,9 +115,10 @@ def fit_chain(
     designs = [_design("main", z, pieces, timing.window, timing.memory, about)]
     if timing.short:
         designs.append(_design("short", plain, pieces, timing.short, timing.memory, about))
-    if timing.slow:
-        designs.append(_design("slow", plain, pieces, timing.slow, 0, about))
     naming = _design("main", plain, pieces, timing.window, timing.memory, about)
+    if timing.slow:
+        still = replace(naming.reference, tau=None, guard=0)
+        designs.append(replace(naming, branch="slow", window=timing.slow, reference=still))
     return Chain(whitener, run.detector.kind, tuple(designs), naming, run.detector.design_size)
 
 

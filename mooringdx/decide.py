@@ -2,12 +2,15 @@
 
 Alarm: some g_j rises to its level; it clears when all g_j have stayed under ``hysteresis`` times their levels for
 ``hold`` samples (two thresholds, so that one fault is one event). Name: not at the alarm but one window after it,
-when the window holds the fault alone: the signature with the largest scaled statistic, g_j / (2 mean g_j), which is
-its log-likelihood ratio; every other within ln 20 of it is a rival, with probability exp(g_j) / sum exp(g_i)
-[Fang2015, eq. 18 and 19, mended: normalised, at alarm + window]. Onset: the i0 that maximises (sum_{i0..k} u_i)^2 /
-(2 (k - i0 + 1) G'Q^-1 G), u = G'Q^-1 (z - mu0), with the interval where the log-likelihood is within 1.92 of its
-top [Basseville1993, sec. 2.4]. Size: generalised least squares from *uncompressed* residual means, v = G'Q^-1 rbar
-/ (G'Q^-1 G), sd = (m G'Q^-1 G)^-1/2 for m samples, because compressed means saturate.
+when the window holds the fault alone [Fang2015, eq. 18-19, mended: normalised, at alarm + window]. Each fault is
+weighed by the likelihood of the window mean m under N(v Gamma_j, C_j), C_j = Q/n + (e v)^2 diag(Gamma_j^2), v its
+best size: a signature is known to a share e of itself only. For small faults this is g_j, as printed; for a fault
+of a hundred standard deviations it keeps a slightly wrong model of the right cause from losing to a wrong cause.
+Every fault within ln 20 of the best is a rival; probabilities are the normalised likelihoods, equal priors. Onset:
+the i0 that maximises (sum_{i0..k} u_i)^2 / (2 (k - i0 + 1) G'Q^-1 G), u = G'Q^-1 (z - mu0), with the interval where
+the log-likelihood is within 1.92 of its top [Basseville1993, sec. 2.4]. Size: generalised least squares from
+*uncompressed* residual means, v = G'Q^-1 rbar / (G'Q^-1 G), sd = (m G'Q^-1 G)^-1/2 for m samples, because
+compressed means saturate.
 """
 
 from __future__ import annotations
@@ -18,10 +21,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from mooringdx.types import Array, Fault, Mask, Rival, Signatures, Statistic, Threshold
 
 RIVAL_GAP = math.log(20.0)
+MODEL_ERROR = 0.1
+"""Share of itself to which a signature is known: linearised, learned, its stiffness and gains a little wrong. A choice."""
 
 
 @dataclass(frozen=True)
@@ -117,16 +123,20 @@ def merge(found: Sequence[Alarm], gap: int) -> list[Alarm]:
 
 @dataclass(frozen=True)
 class Name:
-    """The winner's row among the signatures, its probability and the rivals with theirs, best first."""
+    """The winner's row among the signatures, its probability and the rivals with theirs, best first.
+
+    ``misfit``: what the winner leaves unexplained, chi-square over its degrees of freedom, model error allowed for.
+    """
 
     winner: int
     probability: float
     rivals: tuple[tuple[int, float], ...]
+    misfit: float = 0.0
 
 
-def name(scaled: Array, candidates: Mask) -> Name | None:
-    """Weigh the signatures by their scaled statistics, (f,); None when none has a value."""
-    scores = np.where(candidates & np.isfinite(scaled), scaled, -np.inf)
+def name(scores: Array) -> Name | None:
+    """Turn log-likelihoods, (f,), into the winner with its rivals; None when none is finite."""
+    scores = np.where(np.isfinite(scores), scores, -np.inf)
     top = int(np.argmax(scores))
     if not np.isfinite(scores[top]):
         return None
@@ -136,14 +146,48 @@ def name(scaled: Array, candidates: Mask) -> Name | None:
     return Name(top, float(share[top]), tuple((i, float(share[i])) for i in order))
 
 
-def alike(signatures: Signatures, first: int, second: int, rows: Mask) -> bool:
-    """Tell whether two faults move the valid residuals (``rows``) in the same direction."""
+def weigh(mean: Array, count: int, directions: Array, sign: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return the log-likelihood of every fault and its misfit, (f,) each; -inf for a fault that moves nothing here.
+
+    Parameters
+    ----------
+    mean : (r,), window mean of the residuals less their reference.
+    count : samples in it. directions : (f, r), per unit size. sign : (f,), +1, -1 or 0.
+    covariance : (r, r), samples times the covariance of a window mean.
+    """
+    scores, misfits = np.full(len(directions), -np.inf), np.full(len(directions), np.inf)
+    for j, direction in enumerate(directions):
+        if not np.any(direction):
+            continue
+        value, spread = estimate(mean, count, direction, covariance)
+        if value * sign[j] < 0:
+            value, spread = 0.0, covariance / count
+        rest = mean - value * direction
+        square = float(rest @ np.linalg.solve(spread, rest))
+        scores[j] = -0.5 * (square + np.linalg.slogdet(spread)[1])
+        misfits[j] = square / max(len(mean) - 1, 1)
+    return scores, misfits
+
+
+def estimate(mean: Array, count: int, direction: Array, covariance: Array) -> tuple[float, Array]:
+    """Return the best size of one fault and the covariance of the mean around it, its model error included."""
+    spread = covariance / count
+    value = 0.0
+    for _ in range(8):
+        weight = np.linalg.solve(spread, direction)
+        value = float(weight @ mean) / float(weight @ direction)
+        spread = covariance / count + np.diag((MODEL_ERROR * value * direction) ** 2)
+    return value, spread
+
+
+def alike(signatures: Signatures, first: int, second: int, rows: NDArray[np.intp]) -> bool:
+    """Tell whether two faults move the valid residuals (``rows``, indices) in the same direction."""
     a, b = signatures.matrix[first][rows], signatures.matrix[second][rows]
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return size > 0 and abs(float(a @ b)) > (1.0 - 1e-6) * size
 
 
-def rivals(signatures: Signatures, chosen: Name, rows: Mask) -> tuple[Rival, ...]:
+def rivals(signatures: Signatures, chosen: Name, rows: NDArray[np.intp]) -> tuple[Rival, ...]:
     """Return the rivals as the report names them, each with why it came second."""
     out = []
     for row, probability in chosen.rivals:
@@ -156,7 +200,7 @@ def rivals(signatures: Signatures, chosen: Name, rows: Mask) -> tuple[Rival, ...
     return tuple(out)
 
 
-def cannot_tell(signatures: Signatures, chosen: Name, rows: Mask) -> str | None:
+def cannot_tell(signatures: Signatures, chosen: Name, rows: NDArray[np.intp]) -> str | None:
     """Return a sentence that names what these channels cannot tell apart, or None."""
     twins = [signatures.faults[r] for r, _ in chosen.rivals if alike(signatures, chosen.winner, r, rows)]
     if not twins:
@@ -221,11 +265,8 @@ def size(values: Array, valid: Mask, direction: Array, covariance: Array) -> tup
     rows = valid.all(axis=1)
     if not rows.any() or not np.any(direction):
         return None
-    mean = values[rows].mean(axis=0)
-    weight = np.linalg.solve(covariance, direction)
-    energy = float(weight @ direction)
-    value = float(weight @ mean) / energy
-    half = 1.96 / math.sqrt(rows.sum() * energy)
+    value, spread = estimate(values[rows].mean(axis=0), int(rows.sum()), direction, covariance)
+    half = 1.96 / math.sqrt(float(direction @ np.linalg.solve(spread, direction)))
     return value, (value - half, value + half)
 
 

@@ -10,17 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mooringdx import decide
 from mooringdx.baseline import Baseline, Fitted
 from mooringdx.chain import Walk
 from mooringdx.checks import SEA, agitation
 from mooringdx.config import RunConfig
-from mooringdx.types import Array, Channels, Defect, Event, Fault, Residuals
+from mooringdx.types import Array, Channels, Defect, Event, Fault, Mask, Residuals, replace
 
 FAULTS = ("line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost")
+Index = NDArray[np.intp]
+POOR_FIT = 10.0
 _WEAKENED = 0.85
 
 
@@ -47,34 +51,33 @@ def find(scene: Scene) -> tuple[Event, ...]:
         found += decide.alarms(statistic.branch, ratio, alarm.hysteresis, hold, least)
     events = [_event(scene, a) for a in decide.merge(found, hold)]
     events += [_defect_event(scene, d) for d in scene.channels.defects if d.alarming]
-    return tuple(sorted((e for e in events if e is not None), key=lambda e: (e.onset, e.detected, e.subject)))
+    return tuple(sorted(events, key=lambda e: (e.onset, e.detected, e.subject)))
 
 
-def _event(scene: Scene, alarm: decide.Alarm) -> Event | None:
+def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     """Name one alarm."""
     timing, grid = scene.fitted.timing, scene.channels.grid
-    at = min(alarm.start + timing.window, grid.n - 1)
-    statistic = scene.walk.naming
-    if alarm.branches == ("slow",):
-        statistic, at = next(s for s in scene.walk.statistics if s.branch == "slow"), alarm.peak_at
-    scaled = _last_finite(statistic.values, alarm.start, at)
-    signatures = scene.residuals.signatures
-    chosen = None if scaled is None else decide.name(scaled, np.ones(len(scaled), dtype=np.bool_))
-    first, low, high = _onset(scene, alarm, at, None if chosen is None else chosen.winner)
+    slow = alarm.branches == ("slow",)
+    window = timing.slow if slow else timing.window
+    at = alarm.peak_at if slow else min(alarm.start + window, grid.n - 1)
+    look = slice(max(0, at - window + 1), at + 1)
+    rows = np.flatnonzero(scene.walk.plain.valid[look].mean(axis=0) >= 0.5)
+    chosen = _name(scene, alarm, look, rows)
+    first, low, high = _onset(scene, alarm, at, rows, chosen)
     time = grid.start + grid.sample_time * np.array([alarm.start, at, first, low, high])
-    common = {
+    common: dict[str, Any] = {
         "onset": float(time[2]),
         "onset_interval": (float(time[3]), float(time[4])),
         "detected": float(time[0]),
         "named": float(time[1]),
         "cleared": None if alarm.stop is None else grid.start + grid.sample_time * alarm.stop,
         "evidence": _evidence(scene, alarm),
-        "marks": _marks(scene, alarm),
     }
+    marks = _marks(scene, alarm)
     if chosen is None:
         why = "every residual was masked in the window that would name the cause"
-        return Event(kind="unknown", subject="log", cannot_tell=why, **common)  # type: ignore[arg-type]
-    rows = scene.walk.plain.valid[max(0, at - timing.window) : at + 1].mean(axis=0) >= 0.5
+        return Event(kind="unknown", subject="log", cannot_tell=why, marks=marks, **common)
+    signatures = scene.residuals.signatures
     fault = signatures.faults[chosen.winner]
     size = _size(scene, alarm, first, chosen.winner, rows)
     kind, mode = _kind(scene, fault, chosen.winner, size, first, alarm)
@@ -88,45 +91,68 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event | None:
         probability=chosen.probability,
         rivals=decide.rivals(signatures, chosen, rows),
         cannot_tell=decide.cannot_tell(signatures, chosen, rows),
-        **common,  # type: ignore[arg-type]
+        marks=(*marks, "poorly_explained") if chosen.misfit > POOR_FIT else marks,
+        **common,
     )
 
 
-def _last_finite(values: Array, first: int, last: int) -> Array | None:
-    """Return the newest row of [first, last] in which any fault has a value."""
-    rows = np.flatnonzero(np.isfinite(values[first : last + 1]).any(axis=1))
-    return None if not rows.size else np.asarray(values[first + rows[-1]])
+def _reference(scene: Scene, alarm: decide.Alarm, values: Array, valid: Mask, fitted: Array) -> Array:
+    """Return the mean without fault, (r,): the last memory of the following reference, or the fitted mean."""
+    timing = scene.fitted.timing
+    stop = alarm.start - 2 * timing.window
+    start = stop - timing.memory
+    if timing.memory == 0 or start < 0 or alarm.branches == ("slow",):
+        return fitted
+    good = valid[start:stop].all(axis=1)
+    return np.asarray(values[start:stop][good].mean(axis=0)) if good.mean() > 0.5 else fitted
 
 
-def _onset(scene: Scene, alarm: decide.Alarm, at: int, winner: int | None) -> tuple[int, int, int]:
+def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> decide.Name | None:
+    """Weigh the faults on the uncompressed residuals ``rows`` that are valid in the window ``look``."""
+    design, plain = scene.fitted.chain.naming, scene.walk.plain
+    good = plain.valid[look][:, rows].all(axis=1)
+    if not len(rows) or not good.any():
+        return None
+    still = _reference(scene, alarm, plain.values, plain.valid, np.asarray(design.reference.mean))
+    mean = plain.values[look][good][:, rows].mean(axis=0) - still[rows]
+    scale = float(np.mean(scene.fitted.thresholds[0].scale))
+    covariance = scale * np.asarray(design.covariance)[np.ix_(rows, rows)]
+    scores, misfit = decide.weigh(
+        mean, int(good.sum()), design.directions[:, rows], np.asarray(design.sign), covariance
+    )
+    chosen = decide.name(scores)
+    return None if chosen is None else replace(chosen, misfit=float(misfit[chosen.winner]))
+
+
+def _onset(scene: Scene, alarm: decide.Alarm, at: int, rows: Index, chosen: decide.Name | None) -> tuple[int, int, int]:
     """Return the onset sample and its interval for the named fault; the alarm itself when nothing was named."""
-    if winner is None:
+    if chosen is None:
         return alarm.start, alarm.start, alarm.start
-    timing, design = scene.fitted.timing, scene.fitted.chain.naming
+    timing, design, plain = scene.fitted.timing, scene.fitted.chain.naming, scene.walk.plain
     back = max(timing.slow, 2 * timing.window) if alarm.branches == ("slow",) else 2 * timing.window
     first = max(0, alarm.start - back)
-    weight = np.linalg.solve(design.covariance, design.directions[winner])
+    direction = design.directions[chosen.winner][rows]
+    weight = np.linalg.solve(np.asarray(design.covariance)[np.ix_(rows, rows)], direction)
     stretch = slice(first, at + 1)
-    good = np.asarray(scene.walk.plain.valid[stretch].all(axis=1), dtype=np.bool_)
-    u = np.where(good, (np.nan_to_num(scene.walk.plain.values[stretch]) - design.reference.mean) @ weight, 0.0)
-    energy = float(weight @ design.directions[winner])
-    found = decide.onset(u, good, energy, 0, at - first, alarm.start - first)
+    good = np.asarray(plain.valid[stretch][:, rows].all(axis=1), dtype=np.bool_)
+    still = _reference(scene, alarm, plain.values, plain.valid, np.asarray(design.reference.mean))
+    u = np.where(good, (np.nan_to_num(plain.values[stretch][:, rows]) - still[rows]) @ weight, 0.0)
+    found = decide.onset(u, good, float(weight @ direction), 0, at - first, alarm.start - first)
     return first + found[0], first + found[1], first + found[2]
 
 
 def _size(
-    scene: Scene, alarm: decide.Alarm, first: int, winner: int, rows: Array
+    scene: Scene, alarm: decide.Alarm, first: int, winner: int, rows: Index
 ) -> tuple[float, tuple[float, float]] | None:
-    """Return size and interval from raw residuals between the onset and three windows after the alarm."""
-    timing, raw = scene.fitted.timing, scene.fitted.raw
+    """Return size and interval from raw residuals over the window before three windows after the alarm."""
+    timing, raw, measured = scene.fitted.timing, scene.fitted.raw, scene.residuals
     last = min(alarm.start + 3 * timing.window, alarm.stop or scene.channels.grid.n)
-    begin = min(max(first, alarm.start), max(first, last - timing.window))
-    keep = np.flatnonzero(rows)
-    values = scene.residuals.values[begin:last][:, keep] - np.asarray(raw.mean)[keep]
-    direction = scene.residuals.signatures.matrix[winner][keep]
-    return decide.size(
-        values, scene.residuals.valid[begin:last][:, keep], direction, np.asarray(raw.covariance)[np.ix_(keep, keep)]
-    )
+    begin = max(first, last - 2 * timing.window)
+    still = _reference(scene, alarm, measured.values, measured.valid, np.asarray(raw.mean))
+    values = measured.values[begin:last][:, rows] - still[rows]
+    covariance = np.asarray(raw.covariance)[np.ix_(rows, rows)]
+    direction = measured.signatures.matrix[winner][rows]
+    return decide.size(values, measured.valid[begin:last][:, rows], direction, covariance)
 
 
 def _kind(

@@ -17,7 +17,6 @@ from mooringdx.errors import FitError
 from mooringdx.types import Array
 
 MAIN, SHORT, SLOW = 10.0, 1.3, 400.0
-LEAST_WINDOWS = 40
 LEAST_SLOW = 3
 
 
