@@ -42,7 +42,7 @@ RULES: tuple[tuple[str, str, str], ...] = (
     (r"(?:true_)?(?:wind|w)_?(?:direction|dir|from)|wd", "wind_direction", "wind direction, from"),
     (r"(?:current|cur)_?(?:speed|spd|vel|velocity)", "current_speed", "current speed"),
     (r"(?:current|cur)_?(?:direction|dir)", "current_direction", "current direction, towards"),
-    (r"(?:(?:wave_)?elevation|wave_elev|eta|wave_probe|wave_gauge|wp|wg|wave)_(\d+)", "wave_elevation_\\1", "wave probe"),
+    (r"(?:(?:wave_)?elevation|wave_elev|eta|wave_probe|wave_gauge|wp|wg|wave)_(\d+)", "wave_elevation_\\1", "probe"),
     (r"(?:wave_elevation|wave_elev|elevation|eta|wave_probe|wave_gauge|wave)", "wave_elevation_1", "wave elevation"),
     (r"(?:hs|swh|hm_0|h_s|(?:sig_|significant_)?wave_height)", "wave_height", "wave height"),
     (r"(?:tp|t_p|wave_period|peak_period)", "wave_period", "peak period"),

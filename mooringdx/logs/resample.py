@@ -6,13 +6,13 @@ Decimating (period at most sample_time / 1.5), normalised convolution [Knutsson1
 
 x_i at t_i the samples, w_i the time that each stands for (at most 1.5 periods, so that a gap has no weight), Ts the
 new sample time. The half-amplitude frequency is 0.8 of the new Nyquist frequency. Being symmetric it has no delay; it
-**looks 4 Ts ahead**, which is the price of a detection time that is not late by a filter's phase. Where under 90 % of
+**looks 4 Ts ahead**, which is the price of a detection time that is not late by a filter's phase. Where under 97 % of
 the weight |h| is real (beside a gap) a local straight line with positive weights cos^2 over 1.5 Ts takes its place,
 which keeps level and slope; under 50 % the sample is not valid.
 
 Otherwise: linear interpolation between neighbours no further apart than the largest gap and than 2.5 nominal periods
 (one missing sample); in longer holes only what lies within half a period of a real sample is valid. A grid sample
-that falls on a logged one (within 5 % of Ts) is always that one.
+that falls on a logged one (within 5 % of Ts) is valid whatever lies around it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TABLE = 1024
 DECIMATE = 1.5
 NEAR = 1.5
 ON_STAMP = 0.05
-FULL = 0.9
+FULL = 0.97
 REAL = 0.5
 ONE_MISSING = 2.5
 
@@ -118,22 +118,28 @@ def _interpolate(
     out = np.full(n, np.nan)
     valid = np.zeros(n, dtype=np.bool_)
     on = ON_STAMP * sample_time
+    same = 1e-6 * sample_time
     right = 0
     for k in range(n):
         at = start + k * sample_time
         while right < m and time[right] < at:
             right += 1
-        if right < m and time[right] - at <= on and not (right > 0 and at - time[right - 1] < time[right] - at):
+        if right < m and time[right] - at <= same:
             out[k] = values[right]
             valid[k] = True
-        elif right > 0 and at - time[right - 1] <= on:
-            out[k] = values[right - 1]
-            valid[k] = True
-        elif 0 < right < m:
+            continue
+        if 0 < right < m:
             span = time[right] - time[right - 1]
             near = min(at - time[right - 1], time[right] - at) <= 0.5 * period * (1.0 + 1e-9)
             if span <= reach and (span <= ONE_MISSING * period or near):
                 share = (at - time[right - 1]) / span
                 out[k] = values[right - 1] + share * (values[right] - values[right - 1])
                 valid[k] = True
+                continue
+        if right > 0 and at - time[right - 1] <= on:
+            out[k] = values[right - 1]
+            valid[k] = True
+        elif right < m and time[right] - at <= on:
+            out[k] = values[right]
+            valid[k] = True
     return out, valid

@@ -87,8 +87,8 @@ def _next_step(time: Array, first: int, max_gap: float) -> ClockStep | None:
         a, b = int(starts[k]), int(stops[k])
         spacing = np.diff(time[a:b])
         steady = np.median(np.abs(spacing - period)) <= 0.5 * period and np.mean(spacing > 0.0) > 0.9
-        covered = np.count_nonzero((time[:a] >= time[a]) & (time[:a] <= highest[a - 1]))
-        if steady and 2 * covered >= min(b - a, back[k] / period):
+        covered = np.count_nonzero((time[:a] >= time[a:b].min()) & (time[:a] <= time[a:b].max()))
+        if steady and 2 * covered >= b - a:
             return ClockStep(a, float(highest[a - 1]), float(back[k] + period))
     return None
 

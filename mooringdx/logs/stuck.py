@@ -14,7 +14,8 @@ not hide the waves), with samples at -Tp/4, 0, Tp/4 as regressors (motions and t
 with L = max(5, 2 sqrt(2 ln N)), N the independent samples in the hold, so that the residual alone does not range that
 far. The envelopes do not mind a channel whose delay wanders, as that of a camera that falls behind before it stops.
 The sd is cross-fitted over four contiguous folds, and a tie counts only where it explains half the variance so: a
-chance fit of slow signals is no redundancy.
+chance fit of slow signals is no redundancy. No residual is taken as smaller than 5 % of the channel's own sd, and the
+last half period of a hold (of an envelope: one period) carries no evidence: motion after it leaks back.
 
 A signal that repeats values between updates (a slow sensor in a fast log) is held only beyond five of its own update
 intervals. A channel that never changes, or one that nothing else in the log explains, cannot be judged.
@@ -42,6 +43,7 @@ LEAST_SHARE = 0.5
 FOLDS = 4
 MOST_ROWS = 50_000
 MOST_HOLDS = 50
+LEAST_SD = 0.05
 
 
 @dataclass(frozen=True)
@@ -189,11 +191,12 @@ def _bands(values: Array, valid: Mask, grid: Grid, peak_period: float) -> tuple[
 
 
 def _envelope(bands: tuple[Array, ...], grid: Grid, peak_period: float) -> Array:
-    """Return the wave envelopes (n, c): sqrt(2) of the local rms of the wave band; empty without a wave band."""
+    """Return the wave envelopes (n, c), sqrt(2) of the rms over one period; empty without a wave band."""
     if len(bands) < 2:
         return np.zeros((0, 0))
-    power = [low_pass(bands[1][:, k] ** 2, 0.5 / peak_period, grid.sample_time) for k in range(bands[1].shape[1])]
-    return np.asarray(np.sqrt(2.0 * np.maximum(np.column_stack(power), 0.0)))
+    width = max(1, round(peak_period / grid.sample_time))
+    total = np.cumsum(np.pad(bands[1] ** 2, ((width // 2 + 1, width - width // 2 - 1), (0, 0)), mode="edge"), axis=0)
+    return np.asarray(np.sqrt(2.0 * np.maximum(total[width:] - total[:-width], 0.0) / width))
 
 
 def _evidence(cluster: Sequence[Hold], scene: _Scene) -> tuple[float, float, str, float] | None:
@@ -226,7 +229,7 @@ def _tie(
     weights, sd, share = _fit(design, values[picked, target])
     if share < LEAST_SHARE or not sd > 0.0:
         return None
-    inside = np.arange(span.start, span.stop)
+    inside = _inside(span, scene, 2)
     if moving is not None:
         inside = inside[scene.valid[inside, moving]]
         told = values[inside, moving]
@@ -237,13 +240,19 @@ def _tie(
     if told.size < 3:
         return None
     so_far = (np.maximum.accumulate(told) - np.minimum.accumulate(told)) / sd
-    lasted = scene.grid.sample_time * np.arange(1, told.size + 1)
+    lasted = scene.grid.time[inside] - scene.grid.time[span.start]
     independent = 4.0 * lasted / scene.peak_period if scene.peak_period > 0.0 else lasted / scene.grid.sample_time
     limit = np.maximum(RANGE_SD, 2.0 * np.sqrt(2.0 * np.log(np.maximum(independent, 1.0))))
-    over = np.flatnonzero((so_far > limit) & (lasted >= scene.stuck_after))
+    over = np.flatnonzero((so_far > limit) & (lasted >= scene.stuck_after - 1e-9))
     when = float(scene.grid.time[inside[over[0]]]) if over.size else float("nan")
     by = scene.names[moving] if moving is not None else "the other channels"
     return float(so_far[-1]), float(limit[-1]), by, when
+
+
+def _inside(span: slice, scene: _Scene, taps: int) -> Index:
+    """Return the samples of a hold without its last ``taps`` quarter periods, which later motion leaks into."""
+    stop = span.stop if span.stop >= scene.grid.n else max(span.start, span.stop - taps * scene.tap)
+    return np.arange(span.start, stop, dtype=np.int64)
 
 
 def _envelope_tie(
@@ -257,14 +266,14 @@ def _envelope_tie(
     picked = picked[:: max(1, picked.size // MOST_ROWS)]
     x, y = scene.envelope[picked][:, list(held)], scene.envelope[picked, moving]
     weights, sd, share = _fit(x, y)
-    inside = np.arange(span.start, span.stop)
+    inside = _inside(span, scene, 4)
     inside = inside[scene.valid[inside, moving]]
     if share < LEAST_SHARE or not sd > 0.0 or inside.size < 3:
         return None
     at_rest = float(y.mean() - x.mean(axis=0) @ weights)
     above = (scene.envelope[inside, moving] - at_rest) / sd
-    lasted = scene.grid.sample_time * np.arange(1, inside.size + 1)
-    over = np.flatnonzero((above > RANGE_SD) & (lasted >= scene.stuck_after))
+    lasted = scene.grid.time[inside] - scene.grid.time[span.start]
+    over = np.flatnonzero((above > RANGE_SD) & (lasted >= scene.stuck_after - 1e-9))
     when = float(scene.grid.time[inside[over[0]]]) if over.size else float("nan")
     return float(above.max()), RANGE_SD, scene.names[moving] + " (wave envelope)", when
 
@@ -290,9 +299,9 @@ def _fit(regressors: Array, target: Array) -> tuple[Array, float, float]:
         rest[fold] = False
         xm, ym = x[rest].mean(axis=0), float(y[rest].mean())
         errors[fold] = y[fold] - ym - (x[fold] - xm) @ _ridge(x[rest] - xm, y[rest] - ym)
-    sd = float(np.sqrt(np.mean(errors**2)))
-    variance = float(np.mean(y**2))
-    return _ridge(x, y) / scale, sd, 1.0 - sd * sd / variance if variance > 0.0 else 0.0
+    mse, variance = float(np.mean(errors**2)), float(np.mean(y**2))
+    sd = float(np.sqrt(max(mse, LEAST_SD**2 * variance)))
+    return _ridge(x, y) / scale, sd, 1.0 - mse / variance if variance > 0.0 else 0.0
 
 
 def _ridge(x: Array, y: Array) -> Array:
