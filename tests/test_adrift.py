@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from mooringdx.config import AdriftPart
 from mooringdx.hypotheses import HYPOTHESES
 from mooringdx.hypotheses.adrift import CALLS, Adrift, Verdict, events, judge
-from mooringdx.hypotheses.adrift.kernel import advance, depart, run, spatial_median, watch_circle
+from mooringdx.hypotheses.adrift.kernel import advance, depart, run, spatial_median, watch_circle, weigh
 from mooringdx.hypotheses.adrift.nouns import HOLDING, LEARNING, NOT_HOLDING, SERVICE, WARNING, Numbers
 from mooringdx.hypotheses.adrift.verdict import numbers
 from mooringdx.types import Channels, Event, Grid, LogSource
@@ -106,6 +106,13 @@ def test_a_departure_without_a_jump_is_the_prior() -> None:
     depart(weights, 0.0, NUMBERS)
     np.testing.assert_allclose(weights[::2], NUMBERS.prior / NUMBERS.prior.sum(), rtol=1e-15)
     assert not weights[1::2].any()
+
+
+def test_travel_inside_the_warning_distance_is_not_called_lost() -> None:
+    """By hand: the same weights and step, at 4 km and at 40 km from a circle whose warning distance is 5 km."""
+    for d, call in ((4.0, WARNING), (40.0, NOT_HOLDING)):
+        weights = np.array([0.01, 0.0, 0.04, 0.0, 0.95, 0.0])
+        assert weigh(weights, WARNING, 0, 8.0, 1.0, d, 5.0, 0.6, NUMBERS)[0] == call
 
 
 def test_spatial_median_and_radius() -> None:
