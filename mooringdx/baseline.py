@@ -126,10 +126,10 @@ class Baseline:
         seconds = timing.measured * timing.sample_time
         lines = [f"no-fault record {seconds:.0f} s, peak period {timing.peak_period:.3g} s; {_windows(timing)}"]
         lines.append("smallest fault found in 95 % at the asked rate and named alone one window later:")
-        names = list(self.choice[0]["smallest"]) if self.choice else []
-        for row in self.choice:
-            sizes = "  ".join(f"{n} {row['smallest'][n]}" for n in names)
-            lines.append(f"  {'*' if row['taken'] else ' '} {row['whitening']:17s}{sizes}")
+        head = [("* " if row["taken"] else "") + row["whitening"] for row in self.choice]
+        lines.append(" " * 48 + "".join(f"{h:>20s}" for h in head))
+        for fault in self.choice[0]["smallest"]:
+            lines.append(f"  {fault:46s}" + "".join(f"{row['smallest'][fault]:>20s}" for row in self.choice))
         for t in self.thresholds:
             low, high = t.scaled_interval
             lines.append(
@@ -169,7 +169,7 @@ def learn(
         trials.append(_trial(measured, pieces, kind, run, timing))
         if progress is not None:
             progress(i + 1, len(candidates(run)))
-    best = min(range(len(trials)), key=lambda i: trials[i].merit)
+    best = prefer([t.merit for t in trials])
     taken = trials[best]
     choice = tuple({**t.row, "taken": i == best} for i, t in enumerate(trials))
     plain = [taken.chain.whitener.uncompressed()(r) for r in measured]
@@ -194,6 +194,18 @@ def learn(
         verdict=main.verdict,
         reason=main.reason,
     )
+
+
+def prefer(merits: Sequence[float]) -> int:
+    """Return the candidate to take: the last within a tenth of the best mean log size.
+
+    The candidates stand in the order none, ARMA, ARMA + compression; where two find nearly the same faults the
+    later is taken, because whitened and compressed statistics keep their rate in another sea, raw ones do not.
+    """
+    if not np.isfinite(merits).any():
+        return len(merits) - 1
+    near = [i for i, m in enumerate(merits) if m <= min(merits) + 0.1]
+    return near[-1]
 
 
 def candidates(run: RunConfig) -> tuple[Kind, ...]:

@@ -92,6 +92,7 @@ _ENDINGS = (
     "deg", "rad", "mrad", "mps", "kts", "knots", "kmh", "rpm", "Hz", "Pa", "kPa",
     "MPa", "hPa", "mbar", "V", "mV", "pct",
 )  # fmt: skip
+_PLAIN = frozenset((*_ENDINGS, *_SPELLING, "N", "m/s", "m/s2", "m/s^2", "deg/s", "rad/s", "knot", "kg", "W", "kW", "A"))
 # In brackets these name a side, a number or nothing rather than a unit: "Tension (PS)", "Line (1)".
 _NO_UNIT = frozenset(("", "1", "PS", "ps", "P", "S", "A", "B", "D", "F", "L", "R"))
 _FORCE_WORD = re.compile(r"(?i)tension|force|thrust|load|line|fair|anch|^t_?\d+$")
@@ -116,7 +117,17 @@ def si_unit(name: str) -> str:
 
 def si_unit_of(unit: str) -> str:
     """Return the SI form of a file's unit: "kN" -> "N", "deg" -> "rad", "ft/s" -> "m/s"; ConfigError if no unit."""
-    base = format(_unit(unit, unit).to_base_units().units, "~C")
+    return unit_text(_unit(unit, unit))
+
+
+def quantity(value: float, unit: str) -> Any:
+    """Return a number with its unit, for arithmetic that checks dimensions; an empty unit is a pure number."""
+    return value * (_unit(unit, unit) if unit else _registry().Quantity(1.0, "dimensionless"))
+
+
+def unit_text(value: Any) -> str:
+    """Return the SI unit of what `quantity` arithmetic gave: "N", "N m", "m/s"; empty for a pure number."""
+    base = format(value.to_base_units().units, "~C")
     return _NAMES.get(base, base.replace("**", "^"))
 
 
@@ -157,6 +168,8 @@ def to_si(values: Array, unit: str, name: str) -> Array:
 
 def is_unit(text: str) -> bool:
     """Return whether a short text is a unit of measurement."""
+    if text in _PLAIN:  # without starting the units library, which takes a second
+        return True
     try:
         _unit(text, text)
     except ConfigError:

@@ -114,7 +114,7 @@ def init(log: Path, out: Path, model_free: bool, force: bool) -> None:
     if out.exists() and not force:
         raise ConfigError(f"{out}: is already there; give another -o, or --force to replace it")
     raw = read(log, None)
-    text = starter(log, survey(raw), model_free=model_free)
+    text = starter(log, survey(raw), model_free=model_free, out=out)
     write_files(out.parent, {out.name: text.encode()})
     click.echo(f"wrote {out}: check the mapping and the no-fault window, then `mooringdx run {out} -o DIR`")
 

@@ -27,7 +27,7 @@ from mooringdx.types import Array, Fault, Mask, Rival, Signatures, Statistic, Th
 
 RIVAL_GAP = math.log(20.0)
 MODEL_ERROR = 0.1
-"""Share of itself to which a signature is known: linearised, learned, its stiffness and gains a little wrong. A choice."""
+"""Share of itself to which a signature is known: linearised or learned, so a little wrong. A choice."""
 
 
 @dataclass(frozen=True)

@@ -72,8 +72,8 @@ def design(part: DetectorPart, sample_time: float, pieces: Sequence[Array]) -> T
 def peak_period(pieces: Sequence[Array], sample_time: float) -> float:
     """Return the period of the waves in s: the top of the channels' summed spectra, weighted by frequency.
 
-    Each channel counts with unit variance. The weight keeps slow drift from winning; half-overlapping Hann windows of an
-    eighth of the record keep noise from it. Raises FitError when no channel moves.
+    Each channel counts with unit variance. The weight keeps slow drift from winning; half-overlapping Hann windows of
+    an eighth of the record keep noise from it. Raises FitError when no channel moves.
     """
     length = max((len(p) for p in pieces), default=0)
     size = min(length, max(64, length // 8))

@@ -23,6 +23,7 @@ from mooringdx.residuals.training import Training, known, line_tensions
 from mooringdx.types import Array, Channels, Fault, Mask, Residuals, Signatures, locked
 
 _ROWS_PER_COLUMN = 20
+MOTIONS = ("north", "east", "down", "surge", "sway", "heave", "roll", "pitch", "heading", "yaw")
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Learned:
         part, first = run.residuals.learned, training[0].channels
         tensions = line_tensions(run.mooring, first)
         targets = tuple(part.channels) or tuple(tensions.values()) or first.names
-        inputs = tuple(part.inputs) or first.names
+        inputs = tuple(part.inputs) or _inputs(first, targets)
         known((*targets, *inputs), first, "[residuals.learned]")
         if len(set(inputs)) < 2:
             raise ConfigError("[residuals.learned] needs at least two channels, to predict one from the others")
@@ -146,6 +147,16 @@ class Learned:
         return cls(**fields)
 
 
+def _inputs(channels: Channels, targets: Sequence[str]) -> tuple[str, ...]:
+    """Return what to predict from: the motions, where a position is logged, else every channel.
+
+    Tensions predicted from motions keep a fault of one line out of the residuals of the others.
+    """
+    motions = tuple(c for c in channels.names if c in MOTIONS)
+    seen = len({"north", "east", "surge", "sway"} & set(motions)) >= 2
+    return motions if seen and not set(targets) & set(motions) else channels.names
+
+
 def _subtract(r: Array, ok: Mask, term: Array, good: Mask, lag: int) -> None:
     """Subtract ``term`` delayed by ``lag`` samples, in place; the first ``lag`` samples become invalid."""
     if lag == 0:
@@ -165,14 +176,14 @@ def _design(
     depth = part.lags * part.lag_step
     columns = [channels.names.index(c) for c in used]
     x = channels.values[:, columns] - mean
-    good = channels.valid[:, columns].all(axis=1)
+    good: Mask = np.asarray(channels.valid[:, columns].all(axis=1), dtype=np.bool_)
     y, y_good = channels.column(target), channels.valid[:, channels.names.index(target)]
     xs, ys = [], []
     for piece in training.pieces:
         rows = np.arange(piece.start + depth, piece.stop)
         lagged = [rows - lag * part.lag_step for lag in range(part.lags + 1)]
-        ok = np.asarray(y_good[rows] & np.all([good[at] for at in lagged], axis=0), dtype=np.bool_)
-        rows = rows[ok]
+        seen = np.array([y_good[rows], *(good[at] for at in lagged)])
+        rows = rows[np.flatnonzero(seen.all(axis=0))]
         terms = [x[rows - lag * part.lag_step, i] for i in range(len(used)) for lag in range(part.lags + 1)]
         if part.quadratic:
             terms += [x[rows, i] ** 2 - variance[i] for i in range(len(used))]

@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from mooringdx import channels as catalogue
+import mooringdx.channels as catalogue
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
 from mooringdx.residuals.training import Training, known, line_tensions
 from mooringdx.types import Channels, Fault, Residuals, Signatures
 
+_ALLOWED = "allowed: + - * / ** ( ), channels, 30 [N/m]"
 _OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -48,12 +49,10 @@ def evaluate(node: ast.AST, names: Mapping[str, Any], number: Callable[[float, s
     if isinstance(node, ast.Name):
         return names[node.id]
     if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Constant):
-        return number(float(node.value.value), ast.unparse(node.slice))  # type: ignore[arg-type]
+        return number(float(node.value.value), ast.unparse(node.slice).replace(" ", ""))  # type: ignore[arg-type]
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
         return number(float(node.value), "")
-    raise ConfigError(
-        f"'{ast.unparse(node)}' is not allowed in a parity relation; allowed: + - * / ** ( ), channels, 30 [N/m]"
-    )
+    raise ConfigError(f"'{ast.unparse(node)}' is not allowed in a parity relation; {_ALLOWED}")
 
 
 def parse(name: str, text: str) -> ast.Expression:
@@ -66,6 +65,9 @@ def parse(name: str, text: str) -> ast.Expression:
 
 def channel_names(tree: ast.Expression) -> list[str]:
     """Return the channels of a relation, in order of appearance; names inside a unit do not count."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            raise ConfigError(f"'{ast.unparse(node)}' is not allowed in a parity relation; {_ALLOWED}")
     units = {id(x) for s in ast.walk(tree) if isinstance(s, ast.Subscript) for x in ast.walk(s.slice)}
     found = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and id(n) not in units]
     return list(dict.fromkeys(n.id for n in sorted(found, key=lambda n: n.col_offset)))
