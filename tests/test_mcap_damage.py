@@ -254,6 +254,17 @@ def test_definitions_that_were_overwritten_before_the_first_message(tmp_path: Pa
     assert values(read(path), "/a v") == list(range(0, 60, 2))
 
 
+def test_a_damaged_topic_name_is_taken_from_the_summary(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    whole = bytearray(sample(path, 60))
+    whole[whole.index(b"/a")] ^= 4
+    path.write_bytes(whole)
+    log = read(path)
+    assert set(log.signals) == {"/a v", "/b v"}
+    assert values(log, "/a v") == list(range(0, 60, 2))
+    assert not all(c.passed for c in log.checks)
+
+
 def test_a_damaged_compression_name(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     whole = sample(path, 60, compression=CompressionType.ZSTD)

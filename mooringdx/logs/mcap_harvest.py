@@ -144,7 +144,7 @@ class _Plan:
 
 @dataclass
 class Harvest:
-    """What one walk through the file gave."""
+    """What one walk gave. ``joined``: several files in one; ``mended``: a doubtful definition was replaced later."""
 
     topics: dict[str, Topic] = field(default_factory=dict)
     losses: list[Loss] = field(default_factory=list)
@@ -158,6 +158,8 @@ class Harvest:
     messages: int = 0
     expected: int | None = None
     closed: bool = False
+    joined: bool = False
+    mended: bool = False
 
 
 def harvest(
@@ -173,9 +175,17 @@ def harvest(
     asked = None if channels is None else _asked(path, channels)
     found = _walk(path, size, asked, clock, progress, Harvest())
     skipped = any(loss.what in ("bytes", "record") for loss in found.losses)
-    if any(_defined(number, found) for number in found.orphans) or (skipped and found.channels):
-        found = _walk(path, size, asked, clock, progress, found)
+    orphaned = any(_defined(number, found) for number in found.orphans)
+    if not found.joined and found.channels and (skipped or orphaned or found.mended):
+        found = _walk(path, size, asked, clock, progress, _seed(found))
     return found
+
+
+def _seed(known: Harvest) -> Harvest:
+    """Return the start of a second walk: the sound definitions of the first."""
+    sure = {number: c for number, c in known.channels.items() if (CHANNEL, number) not in known.doubtful}
+    schemas = {number: s for number, s in known.schemas.items() if (SCHEMA, number) not in known.doubtful}
+    return Harvest(channels=sure, schemas=schemas, topics={channel.topic: Topic() for channel in sure.values()})
 
 
 def _defined(number: int, known: Harvest) -> bool:
@@ -196,14 +206,13 @@ def _asked(path: Path, channels: Mapping[str, Place]) -> dict[str, Paths]:
 
 
 def _walk(
-    path: Path, size: int, asked: Mapping[str, Paths] | None, clock: Clock, progress: Progress | None, known: Harvest
+    path: Path, size: int, asked: Mapping[str, Paths] | None, clock: Clock, progress: Progress | None, found: Harvest
 ) -> Harvest:
-    found = Harvest()
     told = 0
     with path.open("rb", buffering=1 << 20) as handle:
-        for record in walk(handle, size, found.losses, known.channels):
+        for record in walk(handle, size, found.losses, tuple(found.channels)):
             if record.opcode == MESSAGE:
-                _message(found, record, asked, clock, known)
+                _message(found, record, asked, clock)
             else:
                 _define(found, record)
             if progress is not None and record.offset - told >= 1 << 20:
@@ -218,6 +227,8 @@ def _define(found: Harvest, record: Record) -> None:
     """Take in a record that is no message. Within one file the first sound definition of an id holds."""
     if record.opcode == HEADER and found.closed:
         found.channels, found.schemas, found.plans, found.closed = {}, {}, {}, False
+        found.doubtful.clear()
+        found.joined = True
     elif record.opcode == FOOTER:
         found.closed = True
     elif record.opcode in (CHANNEL, SCHEMA, STATISTICS):
@@ -231,6 +242,7 @@ def _define(found: Harvest, record: Record) -> None:
         key = (record.opcode, parsed.id)
         if parsed.id in table and (table[parsed.id] == parsed or key not in found.doubtful):
             return
+        found.mended = found.mended or parsed.id in table
         table[parsed.id] = parsed
         (found.doubtful.discard if record.sound else found.doubtful.add)(key)
         if record.opcode == CHANNEL:
@@ -242,7 +254,7 @@ def _define(found: Harvest, record: Record) -> None:
                 found.plans.pop(number, None)
 
 
-def _message(found: Harvest, record: Record, asked: Mapping[str, Paths] | None, clock: Clock, known: Harvest) -> None:
+def _message(found: Harvest, record: Record, asked: Mapping[str, Paths] | None, clock: Clock) -> None:
     head = record.fetch(record.start, MESSAGE_HEAD.size)
     if len(head) < MESSAGE_HEAD.size:
         return
@@ -251,8 +263,8 @@ def _message(found: Harvest, record: Record, asked: Mapping[str, Paths] | None, 
     found.messages += 1
     possible = found.logged.add(stamp, record.sound)
     if number not in found.plans:
-        channel = found.channels.get(number) or known.channels.get(number)
-        schema = None if channel is None else found.schemas.get(channel.schema_id, known.schemas.get(channel.schema_id))
+        channel = found.channels.get(number)
+        schema = None if channel is None else found.schemas.get(channel.schema_id)
         if channel is None or (schema is None and channel.schema_id != 0):
             found.orphans[number] += 1
             return
