@@ -24,10 +24,10 @@ _COMPLEX_PLACES = tuple(r * np.exp(1j * a) for r, a in ((0.98, 0.03), (0.95, 0.1
 
 def search(runs: Runs, orders: Sequence[Order]) -> Point:
     """Fit each order, from the regressions and from the next smaller model; return the one of the best BIC."""
-    long = _long_residual(runs)
+    long = long_residual(runs)
     found: list[Point] = []
     for p, q in orders:
-        guesses = [_regression(runs, long, p, q)]
+        guesses = [regression(runs, long, p, q)]
         if found:
             last = found[-1]
             guesses.append(np.concatenate([_padded(last.theta[: last.p], p), _padded(last.theta[last.p :], q)]))
@@ -100,6 +100,8 @@ def _moved(runs: Runs, here: Point) -> Point:
             theta = np.concatenate([_swapped(poles, poles[i], new), _swapped(zeros, zeros[j], new)])
             ends.append(evaluate(runs, here.p, projected(here.p, theta)))
         best = max(ends, key=lambda x: _hoped(runs, x))
+        if _hoped(runs, best) < loglik(here.squares, runs.rows) + 1.0:
+            return here
         there = descend(runs, best, 1.0)
         if loglik(there.squares, runs.rows) < loglik(here.squares, runs.rows) + 1.0:
             return here
@@ -151,7 +153,7 @@ def _schur(coefficients: Array, radius: float) -> Array:
     return _padded(np.real(np.poly(roots))[1:], len(coefficients))
 
 
-def _long_residual(runs: Runs) -> Array:
+def long_residual(runs: Runs) -> Array:
     """Return the innovations that a long autoregression, by least squares, leaves; zero in each run's first rows."""
     lags = int(min(200, max(4, (runs.stop - runs.start).max() // 20)))
     gram = lagged_gram(runs.values, runs.start, runs.stop, lags)
@@ -162,7 +164,7 @@ def _long_residual(runs: Runs) -> Array:
     return np.asarray(whole)
 
 
-def _regression(runs: Runs, innovation: Array, p: int, q: int) -> Array:
+def regression(runs: Runs, innovation: Array, p: int, q: int) -> Array:
     """Regress the data on their own past and on that of the long model's innovations (Hannan and Rissanen)."""
     solution = _regress(runs, (runs.values, innovation), (p, q), 200 + max(p, q))
     return np.concatenate([-solution[:p], solution[p:]])

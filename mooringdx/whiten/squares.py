@@ -29,7 +29,7 @@ _PAST = MOST_MA
 
 
 class Runs(NamedTuple):
-    """Unbroken runs end to end, run i ``values[start[i]:stop[i]]``; without its first ``drop[i]`` ``rows`` are scored."""
+    """Unbroken runs end to end, run i ``values[start[i]:stop[i]]``; without its first ``drop[i]``, ``rows`` count."""
 
     values: Array
     start: Rows
