@@ -140,7 +140,7 @@ _MAGIC = {b"PAR1": "parquet", b"\x89MCAP0": "mcap", b"\x1f\x8b": "csv", b"\x28\x
 
 
 def format_of(path: Path) -> str:
-    """Return csv, parquet or mcap: by the ending (also .csv.gz, .csv.zst), by the first bytes when that says nothing."""
+    """Return csv, parquet or mcap: by the ending (also .csv.gz, .csv.zst), else by the first bytes."""
     endings = [x.lower() for x in path.suffixes if x.lower() not in (".gz", ".zst")]
     if endings and endings[-1] in _SUFFIXES:
         return _SUFFIXES[endings[-1]]

@@ -7,6 +7,7 @@ another number of columns is left out, and all of it is counted.
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +23,6 @@ from mooringdx.logs.clock import Clock, Stamper, ambiguous_order, guess_unit, nu
 from mooringdx.logs.text_checks import checks_of
 from mooringdx.logs.text_layout import NULLS, Layout, Options, layout
 from mooringdx.logs.text_stream import Progress, Tally, blocks, clean, identify
-from mooringdx.registry import did_you_mean
 from mooringdx.types import Array, Check, RawLog, Signal
 
 _TIME_NAME = re.compile(
@@ -324,7 +324,9 @@ def find(path: Path, names: Sequence[str], wanted: str) -> int:
     bare = [unit_in_header(x)[0] for x in names]
     if bare.count(wanted) == 1:
         return bare.index(wanted)
-    raise LogError(f"{path}: no column '{wanted}'{did_you_mean(wanted, names)}")
+    near = difflib.get_close_matches(wanted, bare, n=1, cutoff=0.5)
+    hint = f"; did you mean '{names[bare.index(near[0])]}'?" if near else ";"
+    raise LogError(f"{path}: no column '{wanted}'{hint} the columns are: {', '.join(names)}")
 
 
 def on_log_clock(stamps: NDArray[Any], how: Stamper) -> tuple[Array, int | None]:
@@ -414,7 +416,7 @@ def _guess_date(how: Layout, column: int) -> int | None:
 
 def _rises(how: Layout, column: int) -> bool:
     values = [number(_point(x) if how.decimal == "," else x) for x in how.cells(column)]
-    known = np.array([x for x in values if x is not None])
+    known = np.array([x for x in values if x is not None and np.isfinite(x)])
     return known.size > 2 and bool(np.mean(np.diff(known) > 0) > 0.95)
 
 
