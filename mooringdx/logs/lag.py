@@ -40,12 +40,11 @@ MOTIONS = ("surge", "sway", "heave", "yaw", "roll", "pitch", "heading", "north",
 
 @dataclass(frozen=True)
 class Lag:
-    """The best alignment of a pair: ``lag`` s (positive: the group is late), |r| there and near zero, its sd, s."""
+    """The best alignment of a pair: ``lag`` s (positive: the group is late), |r| there and near zero lag."""
 
     lag: float
     r: float
     r_zero: float
-    sd: float
 
 
 def lag_groups(names: Sequence[str], declared: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
@@ -82,6 +81,8 @@ def bridge(values: Array, valid: Mask) -> Array:
     """Return the channel (n,) with straight lines over what is not valid, for filters only."""
     if not valid.any():
         return np.zeros(values.size)
+    if valid.all():
+        return values
     at = np.arange(values.size)
     return np.asarray(np.interp(at, at[valid], values[valid]))
 
@@ -104,11 +105,13 @@ def low_pass(values: Array, edge: float, sample_time: float) -> Array:
 
 @dataclass(frozen=True)
 class _Slow:
-    """A low-passed channel, (m,), its weights, and the spectra of weight, signal and square that every pair needs."""
+    """A low-passed channel, (m,), its weights (``whole`` where all are 1) and the spectra that every pair needs."""
 
     values: Array
     weight: Array
-    spectra: tuple[Spectrum, Spectrum, Spectrum]
+    whole: bool
+    spectra: tuple[Spectrum, ...]
+    sums: tuple[Array, Array]
 
 
 def slow_channel(values: Array, usable: Mask, edge: float, sample_time: float, size: int) -> _Slow:
@@ -116,32 +119,47 @@ def slow_channel(values: Array, usable: Mask, edge: float, sample_time: float, s
     weight = usable.astype(np.float64)
     x = low_pass(bridge(values, usable), edge, sample_time)
     x = x - (np.sum(x * weight) / max(float(np.sum(weight)), 1.0))
-    parts = (weight, x * weight, x * x * weight)
-    one, two, three = (np.fft.rfft(p, size) for p in parts)
-    return _Slow(x, weight, (one, two, three))
+    parts = (x * weight, weight, x * x * weight)
+    spectra = tuple(np.fft.rfft(p, size) for p in parts)
+    sums = (np.concatenate(([0.0], np.cumsum(x))), np.concatenate(([0.0], np.cumsum(x * x))))
+    return _Slow(x, weight, bool(usable.all()), spectra, sums)
+
+
+def _cross(x: Spectrum, y: Spectrum, most: int, size: int) -> Array:
+    """Return sum_t x(t) y(t - k), |k| <= most."""
+    c = np.fft.irfft(x * np.conj(y), size)
+    return np.concatenate((c[size - most :], c[: most + 1]))
+
+
+def _moments(x: _Slow, y: _Slow, most: int, size: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Return over the overlap at each lag: weight, sums of x and of y, sums of their squares."""
+    if not (x.whole and y.whole):
+        (xs, xw, xx), (ys, yw, yy) = x.spectra, y.spectra
+        pairs = ((xw, yw), (xs, yw), (xw, ys), (xx, yw), (xw, yy))
+        one, two, three, four, five = (_cross(a, b, most, size) for a, b in pairs)
+        return one, two, three, four, five
+    n = x.values.size
+    k = np.arange(-most, most + 1)
+    start, stop = np.maximum(k, 0), n + np.minimum(k, 0)
+    of_x = [c[stop] - c[start] for c in x.sums]
+    of_y = [c[stop - k] - c[start - k] for c in y.sums]
+    return (stop - start).astype(np.float64), of_x[0], of_y[0], of_x[1], of_y[1]
 
 
 def pair_lag(x: _Slow, y: _Slow, sample_time: float, most: int, size: int) -> Lag | None:
     """Return the lag of ``x`` against ``y`` within ``most`` samples either side; None where too little is left."""
-    n = x.values.size
-
-    def cross(i: int, j: int) -> Array:
-        c = np.fft.irfft(x.spectra[i] * np.conj(y.spectra[j]), size)
-        return np.asarray(np.concatenate((c[size - most :], c[: most + 1])))
-
-    count = cross(0, 0)
-    if count.min() < LEAST_SHARE * (n - most):
+    count, sx, sy, sxx, syy = _moments(x, y, most, size)
+    if count.min() < LEAST_SHARE * (x.values.size - most):
         return None
-    mx, my = cross(1, 0) / count, cross(0, 1) / count
-    vx, vy = cross(2, 0) / count - mx * mx, cross(0, 2) / count - my * my
+    mx, my = sx / count, sy / count
+    vx, vy = sxx / count - mx * mx, syy / count - my * my
     if min(vx.min() / max(vx.max(), 1e-300), vy.min() / max(vy.max(), 1e-300)) <= 1e-9:
         return None
-    r = np.abs(cross(1, 1) / count - mx * my) / np.sqrt(vx * vy)
+    r = np.abs(_cross(x.spectra[0], y.spectra[0], most, size) / count - mx * my) / np.sqrt(vx * vy)
     best = int(np.argmax(r))
     zero = max(1, int(LEAST_LAG / sample_time))
     near_zero = float(r[max(0, most - zero) : most + zero + 1].max())
-    top = float(min(r[best], 1.0))
-    return Lag((best - most + _vertex(r, best)) * sample_time, top, near_zero, _lag_sd(x, top, sample_time))
+    return Lag((best - most + _vertex(r, best)) * sample_time, float(min(r[best], 1.0)), near_zero)
 
 
 def _vertex(r: Array, best: int) -> float:
@@ -152,7 +170,8 @@ def _vertex(r: Array, best: int) -> float:
     return float(0.5 * (a - c) / bend) if bend < 0.0 else 0.0
 
 
-def _lag_sd(x: _Slow, r: float, sample_time: float) -> float:
+def lag_sd(x: _Slow, r: float, sample_time: float) -> float:
+    """Return the standard deviation of the lag of a pair with correlation ``r``, s."""
     n = x.values.size
     power = np.abs(np.fft.rfft(x.values * x.weight * np.hanning(n))) ** 2
     f = np.fft.rfftfreq(n, sample_time)
@@ -213,12 +232,13 @@ def find_lags(
         if pairs:
             best, a, b = max(pairs, key=lambda p: p[0].r)
             if best.r > LEAST_R and abs(best.lag) > LEAST_LAG and best.r > best.r_zero + LEAST_GAIN:
-                found.append(_as_defect(group, [n for n in members if n in names], best, a, b, grid))
+                sd = lag_sd(slow[a], best.r, sample_time)
+                found.append(_as_defect(group, [n for n in members if n in names], best, sd, (a, b), grid))
     return tuple(found)
 
 
-def _as_defect(group: str, members: Sequence[str], lag: Lag, a: str, b: str, grid: Grid) -> Defect:
-    half = float(np.hypot(1.96 * lag.sd, 0.5 * grid.sample_time))
+def _as_defect(group: str, members: Sequence[str], lag: Lag, sd: float, pair: tuple[str, str], grid: Grid) -> Defect:
+    half = float(np.hypot(1.96 * sd, 0.5 * grid.sample_time))
     word = "late" if lag.lag > 0.0 else "early"
     return Defect(
         mode="delay",
@@ -229,7 +249,7 @@ def _as_defect(group: str, members: Sequence[str], lag: Lag, a: str, b: str, gri
         unit="s",
         detail=(
             f"stamps of group '{group}' are {abs(lag.lag):.2f} s {word}: "
-            f"{a} against {b}, r {lag.r:.2f}, {lag.r_zero:.2f} near zero lag"
+            f"{pair[0]} against {pair[1]}, r {lag.r:.2f}, {lag.r_zero:.2f} near zero lag"
         ),
         alarming=True,
         interval=(lag.lag - half, lag.lag + half),
