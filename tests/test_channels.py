@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from mooringdx import channels
 from mooringdx.channels import CATALOGUE, entry, is_unit, si_unit, si_unit_of, to_local, to_si, unit_in_header
 from mooringdx.errors import ConfigError
 
@@ -88,6 +89,11 @@ def test_si_form_of_a_free_unit(unit: str, si: str) -> None:
 )  # fmt: skip
 def test_unit_in_header(header: str, bare: str, unit: str | None) -> None:
     assert unit_in_header(header) == (bare, unit)
+
+
+def test_the_units_that_are_known_by_heart_are_units() -> None:
+    for unit in channels._PLAIN:
+        to_si(np.zeros(1), unit, "x_any")
 
 
 def test_every_row_of_the_catalogue_is_found_by_its_own_name() -> None:

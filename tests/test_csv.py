@@ -242,7 +242,14 @@ def test_refusals_are_one_sentence(tmp_path: Path) -> None:
         read(path, None, TimeSource(column="t", unit="iso8601"), CsvOptions())
     with pytest.raises(LogError, match="No such file"):
         everything(tmp_path / "none.csv")
-    for body in (b"", b"\0" * 5000, b"only words\nand more\n", b"\x1f\x8bjunk", bytes(range(256)) * 40):
+    for body in (
+        b'a,"b\rc",d\n' * 9,
+        b"",
+        b"\0" * 5000,
+        b"only words\nand more\n",
+        b"\x1f\x8bjunk",
+        bytes(range(256)) * 40,
+    ):
         with pytest.raises(LogError):
             everything(put(tmp_path, body))
 

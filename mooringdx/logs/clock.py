@@ -201,8 +201,10 @@ def number(cell: str) -> float | None:
         return float(cell) if "_" not in cell else None
     except ValueError:
         pass
+    if "d" not in cell.lower() or "_" in cell:
+        return None
     try:
-        return float(re.sub(r"(?<=\d|\.)[dD](?=[+-]?\d)", "e", cell)) if "_" not in cell else None
+        return float(re.sub(r"(?<=\d|\.)[dD](?=[+-]?\d)", "e", cell))
     except ValueError:
         return None
 

@@ -127,7 +127,10 @@ def _split(line: str, delimiter: str) -> list[str]:
         return [x.strip('"') for x in line.split()]
     if '"' not in line:
         return [x.strip() for x in line.split(delimiter)]
-    return [x.strip() for x in next(csv.reader([line], delimiter=delimiter))]
+    try:
+        return [x.strip() for x in next(csv.reader([line], delimiter=delimiter))]
+    except csv.Error:
+        return [x.strip() for x in line.split(delimiter)]
 
 
 def _style(lines: Sequence[str], options: Options) -> tuple[str, str]:
@@ -136,7 +139,7 @@ def _style(lines: Sequence[str], options: Options) -> tuple[str, str]:
     for delimiter, decimal in _STYLES:
         if options.delimiter not in (None, delimiter) or options.decimal not in (None, decimal):
             continue
-        rows = [_split(x, delimiter) for x in lines[-300:]]
+        rows = [_split(x, delimiter) for x in lines[-100:]]
         width = Counter(len(r) for r in rows).most_common(1)[0][0] if rows else 0
         kept = [r for r in rows if len(r) == width]
         filled = [x for r in kept for x in r if x not in _EMPTY]
