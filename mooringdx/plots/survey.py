@@ -66,7 +66,7 @@ def sparkline(signal: Signal, span: tuple[float, float]) -> tuple[str, ...]:
 def _pixels(low: Array, high: Array, filled: np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> tuple[Array, Array]:
     bottom, top = float(low[filled].min()), float(high[filled].max())
     scale = (HEIGHT - 4) / (top - bottom) if top > bottom else 0.0
-    middle = HEIGHT / 2 if scale == 0.0 else HEIGHT - 2
+    middle = HEIGHT / 2.0 if scale == 0.0 else HEIGHT - 2.0
     y_low, y_high = np.full(WIDTH, middle), np.full(WIDTH, middle)
     y_low[filled] = middle - (low[filled] - bottom) * scale + 0.5
     y_high[filled] = middle - (high[filled] - bottom) * scale - 0.5

@@ -86,7 +86,7 @@ def draw(detection: Detection, name: str) -> Figure:
     }
     figure, axes = canvas.sheet(10.0, height, edges, nrows=len(rows), ncols=4, width_ratios=[1.5, 0.95, 1.1, 1.05])
     for line, (label, values) in zip(axes, rows, strict=True):
-        calm = values[canvas.quiet(detection)]
+        calm = values[canvas.quiet(detection)][-MOST:]
         if np.isfinite(calm).sum() >= 50:
             _row(line, detection, values, calm, label)
     for panel, title in zip(
@@ -106,14 +106,14 @@ def _row(line: Array, detection: Detection, values: Array, calm: Array, label: s
     at.dress(line[0])
     line[0].locator_params(axis="x", nbins=5) if at.epoch_days is None else None
     _histogram(line[1], detection, values, calm, label)
-    recent = calm[-MOST:]
-    lags = min(LAGS, recent.size // 3)
-    rho = autocorrelation(recent, lags)
+    lags = min(LAGS, calm.size // 3)
+    rho = autocorrelation(calm, lags)
     per, unit = (86400.0, "d") if grid.sample_time >= 7200 else (1.0, "s")
-    line[2].axhspan(*(np.array([-1.96, 1.96]) / np.sqrt(np.isfinite(recent).sum())), color=canvas.QUIET, lw=0)
+    line[2].axhspan(*(np.array([-1.96, 1.96]) / np.sqrt(np.isfinite(calm).sum())), color=canvas.QUIET, lw=0)
     line[2].axhline(0.0, color=canvas.FAINT, lw=0.8)
     line[2].plot(np.arange(lags + 1) * grid.sample_time / per, rho, color=canvas.BLUE)
     line[2].set_ylim(-1.08, 1.08)
+    line[2].set_yticks([-1.0, 0.0, 1.0])
     line[2].set_xlabel(f"lag ({unit})")
     line[2].set_ylabel("correlation (-)")
     _probability(line[3], calm, label)
@@ -126,7 +126,7 @@ def _histogram(panel: Axes, detection: Detection, values: Array, calm: Array, la
     if lead is not None:
         grid = detection.channels.grid
         stop = grid.n if lead.cleared is None else grid.index(lead.cleared)
-        late = values[grid.index(lead.onset) : stop]
+        late = values[grid.index(lead.onset) : stop][:MOST]
         kinds.append((late[np.isfinite(late)], canvas.ORANGE, "in event"))
     kinds = [kind for kind in kinds if kind[0].size >= 10]
     low = min(float(np.quantile(v, 0.0005)) for v, _, _ in kinds)
@@ -177,5 +177,5 @@ def caption(detection: Detection, name: str) -> str:
         " a Gaussian one follows the dashed line of the probability plot. Waves show as an oscillating correlation."
     )
     if int(canvas.quiet(detection).sum()) > MOST:
-        words += f" Autocorrelation from the last {MOST:,} no-fault samples."
+        words += f" Judged on the last {MOST:,} no-fault samples."
     return words
