@@ -3,8 +3,8 @@
 A spike is x_a ... x_{b-1} with both edges |x_a - x_{a-1}| and |x_b - x_{b-1}| above k s and of opposite sign, |x_b -
 x_{a-1}| at most 0.3 of the smaller edge, and the hole that it leaves no longer than the largest gap. s is the robust
 standard deviation (1.4826 median) of the sample-to-sample change, the largest of the block of 64 samples and its two
-neighbours and never under the median over the log's non-zero changes: so waves, quantised and stepping signals set
-their own scale [Hampel1974].
+neighbours and never under the median over the log's non-zero changes (50,000 of them): so waves, quantised and
+stepping signals set their own scale [Hampel1974].
 
 A step does not come back, and the first samples of a fault are no spike for the same reason. More than three spikes
 within two blocks are not isolated: such a signal is noisy, which is evidence, so they are kept and only counted. What
@@ -24,13 +24,15 @@ BLOCK = 64
 WIDEST = 3
 RETURN = 0.3
 CROWD = 3
+ENOUGH = 50_000
 
 
 def change_scale(values: Array) -> Array:
     """Return the local robust sd of the sample-to-sample change, one a block of `BLOCK` samples. ``values``: (n,)."""
     change = np.abs(np.diff(values))
     blocks = -(-values.size // BLOCK)
-    moving = change[change > 0.0]
+    some = change[:: max(1, change.size // ENOUGH)]
+    moving = some[some > 0.0]
     floor = float(np.median(moving)) if moving.size else 0.0
     own = np.zeros(blocks)
     whole = change.size // BLOCK

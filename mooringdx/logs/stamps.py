@@ -22,6 +22,7 @@ Index = NDArray[np.intp]
 
 STEADY = 8
 MOST_STEPS = 50
+ENOUGH = 50_000
 COARSE_SHARE = 0.3
 FAR = 10.0
 
@@ -55,10 +56,14 @@ class Ordered:
 
 
 def period_of(time: Array) -> float:
-    """Return the nominal period (median spacing) of stamps in order, s; NaN for fewer than two."""
+    """Return the nominal period (median spacing) of stamps in order, s; NaN for fewer than two.
+
+    Of a long signal 50,000 spacings spread over it are taken.
+    """
     if time.size < 2:
         return float("nan")
-    return float(np.median(np.diff(time)))
+    spacing = np.diff(time)
+    return float(np.median(spacing[:: max(1, spacing.size // ENOUGH)]))
 
 
 def find_steps(time: Array, max_gap: float) -> tuple[ClockStep, ...]:
@@ -105,7 +110,7 @@ def order(time: Array, values: Array, steps: tuple[ClockStep, ...], continue_ste
         already covered are dropped.
     """
     index = np.flatnonzero(np.isfinite(time) & np.isfinite(values))
-    stamp = np.array(time[index])
+    stamp = time[index]
     overlapped = 0
     if continue_steps:
         for step in steps:
