@@ -26,7 +26,7 @@ from mooringdx.detectors import Glrt
 from mooringdx.detectors.covariance import covariance_of_means
 from mooringdx.detectors.design import Design
 from mooringdx.detectors.reference import Reference
-from mooringdx.threshold import count_alarms, crossfit, drift_ratio, fit_threshold, predicted_threshold
+from mooringdx.threshold import DRIFT_LIMIT, count_alarms, crossfit, drift_ratio, fit_threshold, predicted_threshold
 from mooringdx.types import Fault, Grid, Residuals, Signatures, replace
 from mooringdx.whiten import fit_whitener
 
@@ -78,6 +78,7 @@ class System:
         }
 
     def walk(self, residuals):
+        """Return the residuals whitened with and without compression."""
         return {"main": self.whitener(residuals), "plain": self.whitener.uncompressed()(residuals)}
 
     def _design(self, branch, key, window, covariance_window, memory):
@@ -88,6 +89,7 @@ class System:
         return Design.of(signatures, covariance_of_means(segments, covariance_window), window, reference, None, branch)
 
     def statistics(self, residuals, branches):
+        """Return the statistic (n, lines) of each branch."""
         walk = self.walk(residuals)
         return {b: Glrt(self.designs[b])(walk["main" if b == "main" else "plain"]).values for b in branches}
 
@@ -195,6 +197,22 @@ def one(stream, args):
     }
 
 
+def summary(rows, hours, expected):
+    achieved = np.array([r["achieved"] for r in rows])
+    n, total = len(rows), sum(r["found"]["system"] for r in rows)
+    low, high = (x / n / expected for x in poisson(total))
+    least, median, most = np.quantile(achieved, (0.1, 0.5, 0.9))
+    covers, strict = (sum(r[key] for r in rows) for key in ("overlaps", "holds"))
+    drift, steady = (sum(r[key] > DRIFT_LIMIT for r in rows) for key in ("drift", "steady"))
+    print(f"verdict of the fits      {', '.join(sorted({r['verdict'] for r in rows}))}")
+    print(f"achieved at most asked   {(achieved <= 1.0).sum()} of {n}")
+    print(f"achieved at most 3 x     {(achieved <= 3.0).sum()} of {n} (largest {achieved.max():.2f})")
+    print(f"median [10 %, 90 %]      {median:.2f} [{least:.2f}, {most:.2f}]")
+    print(f"all together             {total} in {n * hours} h: {total / n / expected:.2f} x [{low:.2f}, {high:.2f}]")
+    print(f"interval covers          {covers} of {n} (strict {strict} of {n})")
+    print(f"drift flagged            {drift} of {n}; steady flagged {steady} of {n}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rate", type=parse_rate, default=parse_rate("1/day"), help='asked of the system, "1/day"')
@@ -207,9 +225,7 @@ def main():
     started = time.process_time()
     expected = args.rate * args.hours * 3600.0
     print(f"asked {rate_text(args.rate)}: {expected:.1f} alarms in {args.hours} h; seed {args.seed}")
-    print(
-        "fit  alarms (main short slow)  achieved/asked [95 %]   printed interval     central  R steady  R drift  levels"
-    )
+    print("fit  alarms (main short slow)  achieved/asked [95 %]  printed interval  central  R steady, drift  levels")
     rows = []
     for i, stream in enumerate(np.random.SeedSequence(args.seed).spawn(args.fits)):
         row = one(stream, args)
@@ -218,29 +234,12 @@ def main():
         levels = " ".join(f"{v:.1f}" for v in row["level"].values())
         print(
             f"{i + 1:3d}  {row['found']['system']:4d}  ({parts})     {row['achieved']:6.2f} [{row['counted'][0]:.2f}, "
-            f"{row['counted'][1]:.2f}]   [{row['interval'][0]:8.3f}, {row['interval'][1]:6.2f}]  {row['central']:7.3f}  "
+            f"{row['counted'][1]:.2f}]   [{row['interval'][0]:7.3f}, "
+            f"{row['interval'][1]:5.2f}]  {row['central']:6.3f}  "
             f"{row['steady']:8.2f} {row['drift']:8.1f}  {levels}  shape {row['shape']:.2f}",
             flush=True,
         )
-    achieved = np.array([r["achieved"] for r in rows])
-    total = sum(r["found"]["system"] for r in rows)
-    low, high = poisson(total)
-    n = len(rows)
-    print(f"verdict of the fits: {', '.join(sorted({r['verdict'] for r in rows}))}")
-    print(f"achieved at most asked   {int((achieved <= 1.0).sum())} of {n}")
-    print(f"achieved at most 3 x     {int((achieved <= 3.0).sum())} of {n} (largest {achieved.max():.2f})")
-    print(
-        f"median, 10 % and 90 %    {np.median(achieved):.2f}, {np.quantile(achieved, 0.1):.2f}, {np.quantile(achieved, 0.9):.2f}"
-    )
-    print(
-        f"all together             {total} alarms in {n * args.hours} h, {total / n / expected:.2f} x asked [{low / n / expected:.2f}, {high / n / expected:.2f}]"
-    )
-    print(
-        f"interval covers          {sum(r['overlaps'] for r in rows)} of {n} (strict {sum(r['holds'] for r in rows)} of {n})"
-    )
-    print(
-        f"drift flagged (R > 1.2)  {sum(r['drift'] > 1.2 for r in rows)} of {n}; steady flagged {sum(r['steady'] > 1.2 for r in rows)} of {n}"
-    )
+    summary(rows, args.hours, expected)
     print(f"CPU {time.process_time() - started:.0f} s")
 
 

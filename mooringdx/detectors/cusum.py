@@ -138,4 +138,4 @@ def cumulative_sum(
             down[:] = 0.0
             held, since = 0, guard + 1
         elif not frozen[k] and k >= guard:
-            follow(z[k - guard], valid[k - guard], a, sd, mean, power, gain)
+            follow(z, valid, k - guard, a, sd, mean, power, gain)

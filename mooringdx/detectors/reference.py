@@ -63,15 +63,14 @@ class Reference:
 
 
 @njit(cache=True)
-def follow(row: Array, ok: Mask, a: float, sd: Array, mean: Array, power: Array, gain: Array) -> None:
-    """Move the reference (in place) one sample towards ``row``; all (r,)."""
-    for i in range(row.shape[0]):
-        if ok[i]:
-            mean[i] += a * (row[i] - mean[i])
-            e = row[i] - mean[i]
+def follow(z: Array, valid: Mask, at: int, a: float, sd: Array, mean: Array, power: Array, gain: Array) -> None:
+    """Move the reference (in place) one sample towards ``z[at]``."""
+    for i in range(mean.shape[0]):
+        if valid[at, i]:
+            mean[i] += a * (z[at, i] - mean[i])
+            e = z[at, i] - mean[i]
             power[i] += a * (e * e - power[i])
-            s = np.sqrt(power[i])
-            gain[i] = sd[i] / max(s, LEAST_SD * sd[i])
+            gain[i] = sd[i] / max(np.sqrt(power[i]), LEAST_SD * sd[i])
 
 
 @njit(cache=True)

@@ -57,22 +57,19 @@ def moving_window(
     part = np.zeros((r, r))
     sub_inverse(covariance, everything, part)
     weights = _weights(directions, part, window, pooled)
-    p = np.zeros(weights.shape[1])
-    seen, held, since, slot = 0, 0, guard + 1, 0
+    f = weights.shape[0]
+    side = np.zeros(f) if pooled else sign
+    seen, held, since, slot, missing = 0, 0, guard + 1, 0, window * r
     for k in range(n):
-        full = True
         for i in range(r):
-            if ring_ok[slot, i]:
-                sums[i] -= ring[slot, i]
-                counts[i] -= 1
             ok = valid[k, i]
             d = (z[k, i] - mean[i]) * gain[i] if ok else 0.0
+            sums[i] += d - ring[slot, i]
             ring[slot, i] = d
-            ring_ok[slot, i] = ok
-            if ok:
-                sums[i] += d
-                counts[i] += 1
-            full = full and counts[i] == window
+            if ok != ring_ok[slot, i]:
+                ring_ok[slot, i] = ok
+                counts[i] += 1 if ok else -1
+                missing -= 1 if ok else -1
         slot = slot + 1 if slot + 1 < window else 0
         seen += 1
         if k % RESTART == RESTART - 1:
@@ -81,12 +78,23 @@ def moving_window(
         alarm = False
         if seen < window:
             out[k] = np.nan
+        elif missing == 0:
+            pool = 0.0
+            for j in range(f):
+                p = 0.0
+                for i in range(r):
+                    p += sums[i] * weights[j, i]
+                g = 0.0 if p * side[j] < 0.0 else 0.5 * p * p
+                if pooled:
+                    pool += g
+                else:
+                    out[k, j] = g
+                    alarm = alarm or g > level[j]
+            if pooled:
+                out[k, 0] = pool
+                alarm = pool > level[0]
         else:
-            if full:
-                _project(sums, weights, p)
-                _values(p, sign, pooled, out[k])
-            else:
-                _masked(sums, counts, window, directions, sign, covariance, pooled, usable, part, x, out[k])
+            _masked(sums, counts, window, directions, sign, covariance, pooled, usable, part, x, out[k])
             for j in range(out.shape[1]):
                 alarm = alarm or out[k, j] > level[j]
         if a == 0.0:
@@ -100,43 +108,23 @@ def moving_window(
             ring_ok[:] = False
             sums[:] = 0.0
             counts[:] = 0
-            seen, held, since = 0, 0, guard + 1
+            seen, held, since, missing = 0, 0, guard + 1, window * r
         elif not frozen[k] and k >= guard:
-            follow(z[k - guard], valid[k - guard], a, sd, mean, power, gain)
+            follow(z, valid, k - guard, a, sd, mean, power, gain)
 
 
 @njit(cache=True)
 def _weights(directions: Array, inverse: Array, window: int, pooled: bool) -> Array:
-    """Return (r, f) so that p = sums @ weights has g = p^2 / 2; a factor of the inverse when ``pooled``."""
-    f, r = directions.shape
+    """Return (f, r) so that p = weights @ sums has g = p^2 / 2; (r, r), a factor of the inverse, when ``pooled``."""
     if pooled:
-        factor: Array = np.linalg.cholesky(inverse) / np.sqrt(window)
+        factor: Array = np.ascontiguousarray(np.linalg.cholesky(inverse).T) / np.sqrt(window)
         return factor
-    weights = np.zeros((r, f))
-    for j in range(f):
+    weights = np.zeros(directions.shape)
+    for j in range(directions.shape[0]):
         w = inverse @ directions[j]
         energy = (w * directions[j]).sum()
-        for i in range(r):
-            weights[i, j] = w[i] / np.sqrt(window * energy) if energy > 0.0 else np.nan
+        weights[j] = w / np.sqrt(window * energy) if energy > 0.0 else np.full(w.shape, np.nan)
     return weights
-
-
-@njit(cache=True, fastmath={"contract"})
-def _project(sums: Array, weights: Array, p: Array) -> None:
-    p[:] = 0.0
-    for i in range(sums.shape[0]):
-        s = sums[i]
-        for j in range(p.shape[0]):
-            p[j] += s * weights[i, j]
-
-
-@njit(cache=True)
-def _values(p: Array, sign: Array, pooled: bool, out: Array) -> None:
-    if pooled:
-        out[0] = 0.5 * (p * p).sum()
-        return
-    for j in range(p.shape[0]):
-        out[j] = 0.0 if p[j] * sign[j] < 0.0 else 0.5 * p[j] * p[j]
 
 
 @njit(cache=True)
