@@ -4,7 +4,7 @@
 
 The sd of the *compressed* signal sets its own knee. With u = x / s, sd(u / (1 + |u| / k)) falls strictly from
 k sd(sign x) to 0 as s grows, so there is exactly one positive s where it is 1 if k sd(sign x) > 1 (k > 1 for a
-symmetric x), and none otherwise. For N(0, 1) and k = 3: s = 0.536, |z| < 1.61, efficiency 0.958: Gaussian data become
+symmetric x), and none otherwise. For N(0, 1) and k = 3: s = 0.536, |z| < 1.61, efficiency 0.957: Gaussian data become
 nearly uniform, not more Gaussian as the paper has it, but data of heavy tails gain. s is frozen at its no-fault
 value. The mean is taken off before.
 
