@@ -23,7 +23,8 @@ def residuals_of(detection: Detection, event: Event) -> list[str]:
         hit = [n for n in found.names if event.subject in n]
         return hit or list(found.names[:2])
     with np.errstate(invalid="ignore", divide="ignore"):
-        spread = np.nanmedian(np.abs(found.values - np.nanmedian(found.values, axis=0)), axis=0)
+        some = found.values[:: max(1, found.values.shape[0] // 20_000)]
+        spread = np.nanmedian(np.abs(some - np.nanmedian(some, axis=0)), axis=0)
         effect = np.abs(found.signatures.matrix[index]).max(axis=0) / np.where(spread > 0, spread, np.inf)
     order = np.argsort(-effect, kind="stable")
     return [found.names[i] for i in order if effect[i] >= 0.25 * effect[order[0]] and effect[i] > 0]

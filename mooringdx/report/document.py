@@ -114,7 +114,7 @@ def event_block(
         ("How big", wording.sentence(wording.size(event)) or "No size can be given."),
         ("How fast", wording.sentence(wording.delay(event))),
         ("Until", wording.sentence(cleared)),
-        ("What it cannot tell", wording.sentence(event.cannot_tell or "nothing further is known to be undecided")),
+        ("What it cannot tell", wording.sentence(event.cannot_tell or "nothing is named as undecidable")),
     ]
     return {
         "id": f"event_{index}",
