@@ -35,7 +35,10 @@ def rate_text(rate: float) -> str:
         if rate * SECONDS[word] >= 0.995:
             return f"{rate * SECONDS[word]:.3g} per {word}"
     days = 1.0 / (rate * 86400.0)
-    return f"1 per {days:.3g} days" if days < 730 else f"1 per {days / 365.25:.3g} years"
+    if days < 730:
+        return f"1 per {days:.3g} days"
+    years = days / 365.25
+    return f"1 per {years:.3g} years" if years < 1000 else "less than 1 per 1000 years"
 
 
 def parse_window(value: object) -> tuple[float | str, float | str]:

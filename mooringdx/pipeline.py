@@ -34,12 +34,12 @@ def fit(
 
     Raises ConfigError for what the run file asks wrongly, FitError for a window that cannot carry the asked rate.
     """
-    training = [Training(c, no_fault(c, run)) for c in channels]
-    stack = residuals.fit(training, run) if run.residuals.use else None
-    if stack is None:
+    if not run.residuals.use:
         if not run.bank.use:
             raise ConfigError("nothing to do: [residuals] use and [bank] use are both empty")
         return Baseline.of_bank(run, channels)
+    training = [Training(c, no_fault(c, run)) for c in channels]
+    stack = residuals.fit(training, run)
     measured = [stack(c) for c in channels]
     pieces = [(i, piece) for i, t in enumerate(training) for piece in t.pieces]
     rows = [t.channels.values[piece] for t in training for piece in t.pieces]

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from mooringdx.assess.adrift import assess_adrift
+from mooringdx.assess.labelled import assess_labelled
 from mooringdx.config import read_toml
 from mooringdx.errors import ConfigError
 from mooringdx.registry import resolve
 
 PLANS = {
     "adrift": assess_adrift,
+    "labelled": assess_labelled,
 }
 
 

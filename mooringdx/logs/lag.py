@@ -11,7 +11,8 @@ late. Its 95 % interval is that of a delay between two band-limited Gaussian sig
 
 Why below the waves: in a narrow band of period Tp a lag of tau and one of tau - Tp look the same. What this cannot
 see: lags short against the slowest motion (under about 1 s in a minute of basin log), a lag that comes and goes, and,
-between two groups only, which of the two clocks is wrong: the group's stamps are named. A physical delay below the
+between two groups only, which of the two clocks is wrong: the group declared first is named, and no group is
+compared with one already found late. A physical delay below the
 waves looks the same.
 """
 
@@ -220,14 +221,17 @@ def find_lags(
         for k, name in enumerate(names)
         if usable[:, k].any()
     }
-    found = []
+    found: list[Defect] = []
     for group, members in groups.items():
-        inside = [n for n in members if n in slow]
+        lagging = {n for defect in found for n in defect.subjects}
+        inside = [n for n in members if n in slow and n not in lagging]
         pairs = [
             (lag, a, b)
             for a in inside
             for b in slow
-            if b not in members and (lag := pair_lag(slow[a], slow[b], sample_time, most, size)) is not None
+            if b not in members
+            and b not in lagging
+            and (lag := pair_lag(slow[a], slow[b], sample_time, most, size)) is not None
         ]
         if pairs:
             best, a, b = max(pairs, key=lambda p: p[0].r)
