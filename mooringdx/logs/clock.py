@@ -86,14 +86,14 @@ class Stamper:
 
     def of_arrow(self, column: Any) -> tuple[NDArray[Any], Mask]:
         """Return (stamps, readable) of a column in ``arrow_type``: float64 s or int64 ns, (n,) each."""
-        ok = np.asarray(column.is_valid().to_numpy(zero_copy_only=False), dtype=np.bool_)
+        ok = valid(column)
         if self.kind == "relative":
-            values = column.to_numpy(zero_copy_only=False) * RELATIVE[self.unit]
+            values = floats(column) * RELATIVE[self.unit]
             return values, np.isfinite(values)
         if self.kind == "epoch":
             return _of_decimal(column, ok)
         if self.kind == "date":
-            ns = column.view("int64").fill_null(0).to_numpy(zero_copy_only=False)
+            ns = np.where(ok, np.frombuffer(column.buffers()[1], np.int64)[column.offset :][: len(column)], 0)
             return (ns if self.zoned else self._to_utc(ns)), ok
         return self.of_text([None if x is None else x.decode("ascii", "replace") for x in column.to_pylist()])
 
@@ -207,6 +207,22 @@ def number(cell: str) -> float | None:
         return float(re.sub(r"(?<=\d|\.)[dD](?=[+-]?\d)", "e", cell))
     except ValueError:
         return None
+
+
+def valid(column: Any) -> Mask:
+    """Return which cells of an Arrow array are not null, (n,); pyarrow's own way would import pandas, for a second."""
+    if not column.null_count:
+        return np.ones(len(column), dtype=np.bool_)
+    bits = np.frombuffer(column.buffers()[0], dtype=np.uint8)
+    return np.unpackbits(bits, bitorder="little")[column.offset :][: len(column)].astype(np.bool_)
+
+
+def floats(column: Any) -> Array:
+    """Return an Arrow array of float64, (n,), NaN where null, a view where there is none."""
+    if not len(column):
+        return np.zeros(0)
+    values = np.frombuffer(column.buffers()[1], dtype=np.float64)[column.offset :][: len(column)]
+    return values if not column.null_count else np.where(valid(column), values, np.nan)
 
 
 def unroll(seconds: Array, last: float | None) -> Array:

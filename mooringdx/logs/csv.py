@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mooringdx.channels import unit_in_header
 from mooringdx.errors import LogError
-from mooringdx.logs.clock import Clock, Stamper, ambiguous_order, guess_unit, number, stamper, unroll
+from mooringdx.logs.clock import Clock, Stamper, ambiguous_order, floats, guess_unit, number, stamper, unroll
 from mooringdx.logs.text_checks import checks_of
 from mooringdx.logs.text_layout import NULLS, Layout, Options, layout
 from mooringdx.logs.text_stream import Progress, Tally, blocks, clean, identify
@@ -248,7 +248,7 @@ class _Page:
     def _values(self, i: int, column: Any) -> Array:
         if column.null_count:
             self.tally.missing[self.how.names[i]] += column.null_count
-        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+        return floats(column)
 
     def _cells(self, i: int) -> Array:
         """Return a column cell by cell; what is no number is NaN and counted."""
