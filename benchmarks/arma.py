@@ -1,10 +1,11 @@
 """Time the ARMA(6, 4) fit against statsmodels' innovations MLE on the same record, and compare the likelihoods.
 
-    python benchmarks/arma.py [--seeds 3] [--n 10000]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/arma.py [--seeds 3] [--n 10000]
 
-CPU time (user + system) of this process, kernels compiled before. statsmodels is timed from the start that our search
-has (the two regressions), without which it raises on such a record. "behind": its exact log-likelihood at our
-coefficients below that of its own optimum started from ours, and below that of where it was timed to ("same start").
+CPU time (user + system) of this process, kernels compiled before; one BLAS thread, because idle ones spin and count.
+statsmodels is timed from the start that our search has (the two regressions), without which it raises on such a record.
+"behind": its exact log-likelihood at our coefficients below that of its own optimum started from ours, and below that
+of where it was timed to ("same start"; negative where it ended lower).
 """
 
 from __future__ import annotations
