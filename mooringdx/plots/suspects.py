@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from mooringdx.types import Detection, Event, Signatures
+from mooringdx.types import Array, Detection, Event, Signatures
 
 
 def rows(signatures: Signatures, event: Event) -> list[int]:
     """Return the signature rows of an event: same kind and subject, else same subject."""
     exact = [i for i, f in enumerate(signatures.faults) if (f.kind, f.subject) == (event.kind, event.subject)]
     return exact or [i for i, f in enumerate(signatures.faults) if f.subject == event.subject]
+
+
+def _scatter(column: Array) -> float:
+    """Return the median absolute deviation of the valid samples, 0 without any."""
+    ok = column[np.isfinite(column)]
+    return float(np.median(np.abs(ok - np.median(ok)))) if ok.size else 0.0
 
 
 def residuals_of(detection: Detection, event: Event) -> list[str]:
@@ -24,7 +30,7 @@ def residuals_of(detection: Detection, event: Event) -> list[str]:
         return hit or list(found.names[:2])
     with np.errstate(invalid="ignore", divide="ignore"):
         some = found.values[:: max(1, found.values.shape[0] // 20_000)]
-        spread = np.nanmedian(np.abs(some - np.nanmedian(some, axis=0)), axis=0)
+        spread = np.array([_scatter(column) for column in some.T])
         effect = np.abs(found.signatures.matrix[index]).max(axis=0) / np.where(spread > 0, spread, np.inf)
     order = np.argsort(-effect, kind="stable")
     return [found.names[i] for i in order if effect[i] >= 0.25 * effect[order[0]] and effect[i] > 0]
