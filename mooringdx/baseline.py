@@ -25,7 +25,7 @@ from mooringdx.residuals.training import Training
 from mooringdx.results import decode, encode, json_bytes, read_json
 from mooringdx.threshold import DRIFT_LIMIT, drift_ratio, fit_threshold, predicted_threshold, smallest_fault
 from mooringdx.timing import Timing
-from mooringdx.types import Array, Channels, Check, Residuals, Threshold, Whitened
+from mooringdx.types import Array, Channels, Check, Residuals, Signatures, Threshold, Whitened
 from mooringdx.whiten.whitener import KINDS, Kind
 
 _KEPT = 4000
@@ -164,9 +164,10 @@ def learn(
     progress: Progress = None,
 ) -> Baseline:
     """Fit every candidate chain, take the one that finds the smallest faults, and set its levels."""
+    raw = _moments(measured, pieces, timing.window, run)
     trials = []
     for i, kind in enumerate(candidates(run)):
-        trials.append(_trial(measured, pieces, kind, run, timing))
+        trials.append(_trial(measured, pieces, kind, run, timing, raw))
         if progress is not None:
             progress(i + 1, len(candidates(run)))
     best = prefer([t.merit for t in trials])
@@ -180,7 +181,7 @@ def learn(
         timing=timing,
         stack=stack,
         chain=taken.chain.with_levels(taken.thresholds),
-        raw=_moments(measured, pieces, timing.window, run),
+        raw=raw,
         thresholds=taken.thresholds,
         level=rows[:: max(1, len(rows) // _KEPT)],
         agitation=np.max([agitation(t.channels.values[piece]) for t in training for piece in t.pieces], axis=0),
@@ -225,7 +226,9 @@ class _Trial:
     merit: float
 
 
-def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing) -> _Trial:
+def _trial(
+    measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing, raw: Moments
+) -> _Trial:
     """Fit one candidate, its cross-fitted levels, and the smallest faults it would find."""
     chain = fit_chain(measured, pieces, kind, run, timing)
     held = held_back(measured, pieces, kind, run, timing, chain)
@@ -234,16 +237,22 @@ def _trial(measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunCo
     plain = [chain.whitener.uncompressed()(r) for r in measured]
     ratio = drift_ratio(segments(plain, pieces), timing.window)
     thresholds = tuple(_level(d, held[d.branch], run, timing, shares[d.branch], ratio) for d in chain.designs)
-    naming, main = chain.naming, thresholds[0]
-    scale = np.broadcast_to(main.scale, naming.sign.shape)
-    level = np.broadcast_to(main.level, naming.sign.shape)
-    design = chain.designs[0]
-    found = smallest_fault(design.directions, design.sign, design.covariance, design.window, level, scale).needed
+    main, found = thresholds[0], _smallest(chain.designs[0], thresholds[0], measured[0].signatures, raw, timing)
     signatures = measured[0].signatures
     sizes = {f.label: f"{v:.3g} {u}" for f, v, u in zip(signatures.faults, found, signatures.units, strict=True)}
     merit = float(np.mean(np.log(found))) if np.isfinite(found).all() else np.inf
     row = {"whitening": kind, "smallest": sizes, "merit": merit, "level": main.scaled_level, "drift": ratio}
     return _Trial(chain, thresholds, row, merit)
+
+
+def _smallest(design: Design, main: Threshold, signatures: Signatures, raw: Moments, timing: Timing) -> Array:
+    """Return the smallest fault per direction, (f,): found by the chain, and named alone from the raw residuals."""
+    f = len(signatures.faults)
+    level, scale = np.broadcast_to(main.level, (f,)), np.broadcast_to(main.scale, (f,))
+    found = smallest_fault(design.directions, design.sign, design.covariance, design.window, level, scale).found
+    window = (np.asarray(raw.covariance), timing.window)
+    named = smallest_fault(np.asarray(signatures.matrix), np.asarray(signatures.sign), *window, level, np.ones(f)).named
+    return np.where(np.isfinite(named), np.maximum(found, named), found)
 
 
 def _level(

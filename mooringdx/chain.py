@@ -46,12 +46,11 @@ class Walk:
 
 @dataclass(frozen=True)
 class Chain:
-    """A whitener with one detector design a branch; ``naming`` is the main window, uncompressed."""
+    """A whitener with one detector design a branch."""
 
     whitener: Whitener
     detector: str
     designs: tuple[Design, ...]
-    naming: Design
     design_size: float | None = None
 
     def __call__(self, measured: Residuals) -> Walk:
@@ -76,20 +75,18 @@ class Chain:
     def with_levels(self, thresholds: Sequence[Threshold]) -> Chain:
         """Return the chain whose following references are held while its own alarms stand."""
         level = {t.branch: t.level for t in thresholds}
-        designs = tuple(replace(d, level=level[d.branch]) for d in self.designs)
-        return replace(self, designs=designs)
+        return replace(self, designs=tuple(replace(d, level=level[d.branch]) for d in self.designs))
 
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping."""
-        rest = encode({k: getattr(self, k) for k in ("detector", "designs", "naming", "design_size")})
+        rest = encode({k: getattr(self, k) for k in ("detector", "designs", "design_size")})
         return {"whitener": self.whitener.to_dict(), **rest}
 
     @classmethod
     def from_dict(cls, body: Mapping[str, Any]) -> Chain:
         """Rebuild what `to_dict` gave."""
         designs = decode(tuple[Design, ...], body["designs"])
-        naming = decode(Design, body["naming"])
-        return cls(Whitener.from_dict(body["whitener"]), body["detector"], designs, naming, body["design_size"])
+        return cls(Whitener.from_dict(body["whitener"]), body["detector"], designs, body["design_size"])
 
 
 def fit_chain(
@@ -115,11 +112,10 @@ def fit_chain(
     designs = [_design("main", z, pieces, timing.window, timing.memory, about)]
     if timing.short:
         designs.append(_design("short", plain, pieces, timing.short, timing.memory, about))
-    naming = _design("main", plain, pieces, timing.window, timing.memory, about)
     if timing.slow:
-        still = replace(naming.reference, tau=None, guard=0)
-        designs.append(replace(naming, branch="slow", window=timing.slow, reference=still))
-    return Chain(whitener, run.detector.kind, tuple(designs), naming, run.detector.design_size)
+        slow = _design("slow", plain, pieces, timing.window, 0, about)
+        designs.append(replace(slow, window=timing.slow))
+    return Chain(whitener, run.detector.kind, tuple(designs), run.detector.design_size)
 
 
 def _design(

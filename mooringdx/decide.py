@@ -3,9 +3,9 @@
 Alarm: some g_j rises to its level; it clears when all g_j have stayed under ``hysteresis`` times their levels for
 ``hold`` samples (two thresholds, so that one fault is one event). Name: not at the alarm but one window after it,
 when the window holds the fault alone [Fang2015, eq. 18-19, mended: normalised, at alarm + window]. Each fault is
-weighed by the likelihood of the window mean m under N(v Gamma_j, C_j), C_j = Q/n + (e v)^2 diag(Gamma_j^2), v its
-best size: a signature is known to a share e of itself only. For small faults this is g_j, as printed; for a fault
-of a hundred standard deviations it keeps a slightly wrong model of the right cause from losing to a wrong cause.
+weighed by the likelihood of the window mean m under N(v Gamma_j, C_j), C_j = Q/n + v^2 diag(E_j^2), v its
+best size, E_j what its signature is known to. For small faults this is g_j, as printed; for a fault of a hundred
+standard deviations it keeps a slightly wrong model of the right cause from losing to a wrong cause.
 Every fault within ln 20 of the best is a rival; probabilities are the normalised likelihoods, equal priors. Onset:
 the i0 that maximises (sum_{i0..k} u_i)^2 / (2 (k - i0 + 1) G'Q^-1 G), u = G'Q^-1 (z - mu0), with the interval where
 the log-likelihood is within 1.92 of its top [Basseville1993, sec. 2.4]. Size: generalised least squares from
@@ -23,11 +23,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mooringdx.types import Array, Fault, Mask, Rival, Signatures, Statistic, Threshold
+from mooringdx.types import Array, Fault, Mask, Rival, Signatures, Statistic, Threshold, replace
 
 RIVAL_GAP = math.log(20.0)
-MODEL_ERROR = 0.1
-"""Share of itself to which a signature is known: linearised or learned, so a little wrong. A choice."""
 
 
 @dataclass(frozen=True)
@@ -146,21 +144,21 @@ def name(scores: Array) -> Name | None:
     return Name(top, float(share[top]), tuple((i, float(share[i])) for i in order))
 
 
-def weigh(mean: Array, count: int, directions: Array, sign: Array, covariance: Array) -> tuple[Array, Array]:
+def weigh(mean: Array, count: int, signatures: Signatures, covariance: Array) -> tuple[Array, Array]:
     """Return the log-likelihood of every fault and its misfit, (f,) each; -inf for a fault that moves nothing here.
 
     Parameters
     ----------
-    mean : (r,), window mean of the residuals less their reference.
-    count : samples in it. directions : (f, r), per unit size. sign : (f,), +1, -1 or 0.
-    covariance : (r, r), samples times the covariance of a window mean.
+    mean : (r,), window mean of the residuals less their reference. count : samples in it.
+    signatures : of these r residuals. covariance : (r, r), samples times the covariance of a window mean.
     """
-    scores, misfits = np.full(len(directions), -np.inf), np.full(len(directions), np.inf)
-    for j, direction in enumerate(directions):
+    f = len(signatures.faults)
+    scores, misfits = np.full(f, -np.inf), np.full(f, np.inf)
+    for j, direction in enumerate(signatures.matrix):
         if not np.any(direction):
             continue
-        value, spread = estimate(mean, count, direction, covariance)
-        if value * sign[j] < 0:
+        value, spread = estimate(mean, count, direction, signatures.error[j], covariance)
+        if value * signatures.sign[j] < 0:
             value, spread = 0.0, covariance / count
         rest = mean - value * direction
         square = float(rest @ np.linalg.solve(spread, rest))
@@ -169,15 +167,22 @@ def weigh(mean: Array, count: int, directions: Array, sign: Array, covariance: A
     return scores, misfits
 
 
-def estimate(mean: Array, count: int, direction: Array, covariance: Array) -> tuple[float, Array]:
-    """Return the best size of one fault and the covariance of the mean around it, its model error included."""
+def estimate(mean: Array, count: int, direction: Array, error: Array, covariance: Array) -> tuple[float, Array]:
+    """Return the best size of one fault and the covariance of the mean around it, its signature's error included."""
     spread = covariance / count
     value = 0.0
     for _ in range(8):
         weight = np.linalg.solve(spread, direction)
         value = float(weight @ mean) / float(weight @ direction)
-        spread = covariance / count + np.diag((MODEL_ERROR * value * direction) ** 2)
+        spread = covariance / count + np.diag((value * error) ** 2)
     return value, spread
+
+
+def part(signatures: Signatures, rows: NDArray[np.intp]) -> Signatures:
+    """Return the signatures of some of the residuals, by index."""
+    names = tuple(signatures.residuals[i] for i in rows)
+    matrix, error = signatures.matrix[:, rows], signatures.error[:, rows]
+    return replace(signatures, residuals=names, matrix=matrix, error=error)
 
 
 def alike(signatures: Signatures, first: int, second: int, rows: NDArray[np.intp]) -> bool:
@@ -254,18 +259,22 @@ def onset(u: Array, good: Mask, energy: float, first: int, last: int, latest: in
     return first + best, first + int(near[0]), first + int(near[-1])
 
 
-def size(values: Array, valid: Mask, direction: Array, covariance: Array) -> tuple[float, tuple[float, float]] | None:
+def size(
+    values: Array, valid: Mask, signatures: Signatures, winner: int, covariance: Array
+) -> tuple[float, tuple[float, float]] | None:
     """Return the size of a fault and its 95 % interval from uncompressed residuals after the onset.
 
     Parameters
     ----------
-    values : (m, r), residuals less their no-fault mean. valid : (m, r). direction : (r,), per unit size.
-    covariance : (r, r), samples times the covariance of a window mean.
+    values : (m, r), residuals less their no-fault mean. valid : (m, r). signatures : of these residuals; ``winner``
+        the fault's row. covariance : (r, r), samples times the covariance of a window mean.
     """
     rows = valid.all(axis=1)
+    direction = signatures.matrix[winner]
     if not rows.any() or not np.any(direction):
         return None
-    value, spread = estimate(values[rows].mean(axis=0), int(rows.sum()), direction, covariance)
+    mean = values[rows].mean(axis=0)
+    value, spread = estimate(mean, int(rows.sum()), direction, signatures.error[winner], covariance)
     half = 1.96 / math.sqrt(float(direction @ np.linalg.solve(spread, direction)))
     return value, (value - half, value + half)
 

@@ -1,9 +1,9 @@
 """From what the detectors saw to events with a name, an onset, a size and rivals, and to the verdict in words.
 
-The alarm may come from any branch; the name always comes from *uncompressed* whitened residuals over one detector
-window that ends one window after the alarm (compressed ones saturate and bend the direction of a large fault), or,
-where only the slow channel sees the fault, from the slow channel. What the alignment found in the data themselves
-(a channel held while the others move, a late clock) is an event of its own.
+The alarm may come from any branch; the name, the onset and the size come from the raw residuals: compressed ones
+saturate, and a step in a whitened one is a transient first, so that both bend the direction of a large fault. The
+window that names ends one window after the alarm. What the alignment found in the data themselves (a channel held
+while the others move, a late clock) is an event of its own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mooringdx.baseline import Baseline, Fitted
 from mooringdx.chain import Walk
 from mooringdx.checks import SEA, agitation
 from mooringdx.config import RunConfig
-from mooringdx.types import Array, Channels, Defect, Event, Fault, Mask, Residuals, replace
+from mooringdx.types import Array, Channels, Defect, Event, Fault, Residuals, replace
 
 FAULTS = ("line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost")
 Index = NDArray[np.intp]
@@ -61,7 +61,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     window = timing.slow if slow else timing.window
     at = alarm.peak_at if slow else min(alarm.start + window, grid.n - 1)
     look = slice(max(0, at - window + 1), at + 1)
-    rows = np.flatnonzero(scene.walk.plain.valid[look].mean(axis=0) >= 0.5)
+    rows = np.flatnonzero(scene.residuals.valid[look].mean(axis=0) >= 0.5)
     chosen = _name(scene, alarm, look, rows)
     first, low, high = _onset(scene, alarm, at, rows, chosen)
     time = grid.start + grid.sample_time * np.array([alarm.start, at, first, low, high])
@@ -96,30 +96,28 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     )
 
 
-def _reference(scene: Scene, alarm: decide.Alarm, values: Array, valid: Mask, fitted: Array) -> Array:
-    """Return the mean without fault, (r,): the last memory of the following reference, or the fitted mean."""
-    timing = scene.fitted.timing
+def _reference(scene: Scene, alarm: decide.Alarm) -> Array:
+    """Return the mean residual without fault, (r,): over the last memory of the following reference, or as fitted."""
+    timing, measured = scene.fitted.timing, scene.residuals
     stop = alarm.start - 2 * timing.window
     start = stop - timing.memory
     if timing.memory == 0 or start < 0 or alarm.branches == ("slow",):
-        return fitted
-    good = valid[start:stop].all(axis=1)
-    return np.asarray(values[start:stop][good].mean(axis=0)) if good.mean() > 0.5 else fitted
+        return np.asarray(scene.fitted.raw.mean)
+    good = measured.valid[start:stop].all(axis=1)
+    if good.mean() < 0.5:
+        return np.asarray(scene.fitted.raw.mean)
+    return np.asarray(measured.values[start:stop][good].mean(axis=0))
 
 
 def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> decide.Name | None:
-    """Weigh the faults on the uncompressed residuals ``rows`` that are valid in the window ``look``."""
-    design, plain = scene.fitted.chain.naming, scene.walk.plain
-    good = plain.valid[look][:, rows].all(axis=1)
+    """Weigh the faults on the raw residuals ``rows`` that are valid in the window ``look``."""
+    measured, signatures = scene.residuals, scene.residuals.signatures
+    good = measured.valid[look][:, rows].all(axis=1)
     if not len(rows) or not good.any():
         return None
-    still = _reference(scene, alarm, plain.values, plain.valid, np.asarray(design.reference.mean))
-    mean = plain.values[look][good][:, rows].mean(axis=0) - still[rows]
-    scale = float(np.mean(scene.fitted.thresholds[0].scale))
-    covariance = scale * np.asarray(design.covariance)[np.ix_(rows, rows)]
-    scores, misfit = decide.weigh(
-        mean, int(good.sum()), design.directions[:, rows], np.asarray(design.sign), covariance
-    )
+    mean = measured.values[look][good][:, rows].mean(axis=0) - _reference(scene, alarm)[rows]
+    covariance = np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
+    scores, misfit = decide.weigh(mean, int(good.sum()), decide.part(signatures, rows), covariance)
     chosen = decide.name(scores)
     return None if chosen is None else replace(chosen, misfit=float(misfit[chosen.winner]))
 
@@ -128,15 +126,15 @@ def _onset(scene: Scene, alarm: decide.Alarm, at: int, rows: Index, chosen: deci
     """Return the onset sample and its interval for the named fault; the alarm itself when nothing was named."""
     if chosen is None:
         return alarm.start, alarm.start, alarm.start
-    timing, design, plain = scene.fitted.timing, scene.fitted.chain.naming, scene.walk.plain
+    timing, measured = scene.fitted.timing, scene.residuals
     back = max(timing.slow, 2 * timing.window) if alarm.branches == ("slow",) else 2 * timing.window
     first = max(0, alarm.start - back)
-    direction = design.directions[chosen.winner][rows]
-    weight = np.linalg.solve(np.asarray(design.covariance)[np.ix_(rows, rows)], direction)
+    direction = np.asarray(measured.signatures.matrix)[chosen.winner][rows]
+    weight = np.linalg.solve(np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)], direction)
     stretch = slice(first, at + 1)
-    good = np.asarray(plain.valid[stretch][:, rows].all(axis=1), dtype=np.bool_)
-    still = _reference(scene, alarm, plain.values, plain.valid, np.asarray(design.reference.mean))
-    u = np.where(good, (np.nan_to_num(plain.values[stretch][:, rows]) - still[rows]) @ weight, 0.0)
+    good = np.asarray(measured.valid[stretch][:, rows].all(axis=1), dtype=np.bool_)
+    still = _reference(scene, alarm)[rows]
+    u = np.where(good, (np.nan_to_num(measured.values[stretch][:, rows]) - still) @ weight, 0.0)
     found = decide.onset(u, good, float(weight @ direction), 0, at - first, alarm.start - first)
     return first + found[0], first + found[1], first + found[2]
 
@@ -148,11 +146,11 @@ def _size(
     timing, raw, measured = scene.fitted.timing, scene.fitted.raw, scene.residuals
     last = min(alarm.start + 3 * timing.window, alarm.stop or scene.channels.grid.n)
     begin = max(first, last - 2 * timing.window)
-    still = _reference(scene, alarm, measured.values, measured.valid, np.asarray(raw.mean))
+    still = _reference(scene, alarm)
     values = measured.values[begin:last][:, rows] - still[rows]
     covariance = np.asarray(raw.covariance)[np.ix_(rows, rows)]
-    direction = measured.signatures.matrix[winner][rows]
-    return decide.size(values, measured.valid[begin:last][:, rows], direction, covariance)
+    signatures = decide.part(measured.signatures, rows)
+    return decide.size(values, measured.valid[begin:last][:, rows], signatures, winner, covariance)
 
 
 def _kind(

@@ -179,7 +179,8 @@ class Signatures:
 
     ``matrix``: (f, r), change of the residual's mean per unit of the fault's size, residual units per ``units[f]``.
     ``total``: (f,), the signed size of a total loss (NaN where unknown). ``sign``: (f,), +1 or -1 where only
-    that sign of the size is this fault, 0 where both are.
+    that sign of the size is this fault, 0 where both are. ``error``: (f, r), sd to which a row is known, as ``matrix``;
+    zero where it follows exactly (a biased channel in a linear relation), not where physics is linearised (a line).
     """
 
     faults: tuple[Fault, ...]
@@ -188,9 +189,12 @@ class Signatures:
     units: tuple[str, ...]
     total: Array
     sign: Array
+    error: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        for key in ("matrix", "total", "sign"):
+        if self.error.shape != self.matrix.shape:
+            object.__setattr__(self, "error", np.zeros_like(self.matrix))
+        for key in ("matrix", "total", "sign", "error"):
             object.__setattr__(self, key, locked(getattr(self, key)))
         if self.matrix.shape != (len(self.faults), len(self.residuals)):
             raise ValueError(f"signature matrix {self.matrix.shape} is not faults x residuals")

@@ -75,14 +75,14 @@ def fit(training: Sequence[Training], run: RunConfig) -> Stack:
 def merge(pieces: Sequence[Signatures]) -> Signatures:
     """Join signatures side by side; a fault that one generator does not see has zeros there.
 
-    A fault's ``total`` is taken from the first piece that knows it, its ``sign`` from the first that restricts it.
+    Of two totals the larger stands (one that knows how the vessel gives way), of two signs the first that restricts.
     """
     faults: dict[Fault, int] = {}
     for piece in pieces:
         for fault in piece.faults:
             faults.setdefault(fault, len(faults))
     width = sum(len(p.residuals) for p in pieces)
-    matrix = np.zeros((len(faults), width))
+    matrix, error = np.zeros((len(faults), width)), np.zeros((len(faults), width))
     total, sign = np.full(len(faults), np.nan), np.zeros(len(faults))
     units = [""] * len(faults)
     left = 0
@@ -90,12 +90,14 @@ def merge(pieces: Sequence[Signatures]) -> Signatures:
         for i, fault in enumerate(piece.faults):
             row = faults[fault]
             matrix[row, left : left + len(piece.residuals)] = piece.matrix[i]
+            error[row, left : left + len(piece.residuals)] = piece.error[i]
             units[row] = units[row] or piece.units[i]
-            total[row] = piece.total[i] if np.isnan(total[row]) else total[row]
+            if np.isnan(total[row]) or abs(piece.total[i]) > abs(total[row]):
+                total[row] = piece.total[i]
             sign[row] = piece.sign[i] if sign[row] == 0 else sign[row]
         left += len(piece.residuals)
     names = tuple(name for p in pieces for name in p.residuals)
-    return Signatures(tuple(faults), names, matrix, tuple(units), total, sign)
+    return Signatures(tuple(faults), names, matrix, tuple(units), total, sign, error)
 
 
 def keep(signatures: Signatures, wanted: Sequence[str]) -> Signatures:
@@ -117,4 +119,5 @@ def keep(signatures: Signatures, wanted: Sequence[str]) -> Signatures:
         tuple(signatures.units[i] for i in rows),
         signatures.total[rows],
         signatures.sign[rows],
+        signatures.error[rows],
     )

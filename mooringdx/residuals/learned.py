@@ -19,11 +19,10 @@ import numpy as np
 
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError, FitError
-from mooringdx.residuals.training import Training, known, line_tensions
+from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions
 from mooringdx.types import Array, Channels, Fault, Mask, Residuals, Signatures, locked
 
 _ROWS_PER_COLUMN = 20
-MOTIONS = ("north", "east", "down", "surge", "sway", "heave", "roll", "pitch", "heading", "yaw")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Learned:
         part, first = run.residuals.learned, training[0].channels
         tensions = line_tensions(run.mooring, first)
         targets = tuple(part.channels) or tuple(tensions.values()) or first.names
-        inputs = tuple(part.inputs) or _inputs(first, targets)
+        inputs = tuple(part.inputs) or first.names
         known((*targets, *inputs), first, "[residuals.learned]")
         if len(set(inputs)) < 2:
             raise ConfigError("[residuals.learned] needs at least two channels, to predict one from the others")
@@ -110,21 +109,34 @@ class Learned:
     def signatures(self) -> Signatures:
         """Return *channel c is wrong* for every channel and *line j is gone* for every declared line."""
         unit = dict(zip((*self.inputs, *self.targets), (*self.input_units, *self.target_units), strict=True))
-        faults, rows, total, sign = [], [], [], []
+        faults, rows, errors, total, sign = [], [], [], [], []
         for c in unit:
             faults.append(Fault("sensor_fault", c))
             rows.append(self._row(c))
+            errors.append(np.zeros(len(self.targets)))
             total.append(np.nan)
             sign.append(0.0)
         units = list(unit.values())
         for line, tension, level in self.lines:
             faults.append(Fault("line_lost", line))
             rows.append(self._row(tension))
+            errors.append(SIGNATURE_ERROR * np.array([1.0 if u == unit[tension] else 0.0 for u in self.target_units]))
             total.append(-level if level > 0 else np.nan)
             sign.append(-1.0)
             units.append(unit[tension])
+        if {"north", "east"} <= set(self.inputs):
+            slope = self.weights[:, [self.inputs.index(c) for c in ("north", "east")]].sum(axis=2)
+            for angle in COMPASS:
+                faults.append(Fault("environment", "position", f"offset along {angle:03.0f} deg"))
+                rows.append(np.zeros(len(self.targets)))
+                errors.append(SIGNATURE_ERROR * np.abs(slope @ [np.cos(np.radians(angle)), np.sin(np.radians(angle))]))
+                total.append(np.nan)
+                sign.append(0.0)
+                units.append("m")
         names = tuple(f"{c} - predicted" for c in self.targets)
-        return Signatures(tuple(faults), names, np.array(rows), tuple(units), np.array(total), np.array(sign))
+        shape = (len(faults), len(names))
+        matrix, error = np.reshape(rows, shape), np.reshape(errors, shape)
+        return Signatures(tuple(faults), names, matrix, tuple(units), np.array(total), np.array(sign), error)
 
     def _row(self, channel: str) -> Array:
         row = np.array([1.0 if t == channel else 0.0 for t in self.targets])
@@ -145,16 +157,6 @@ class Learned:
             fields[key] = tuple(fields[key])
         fields["lines"] = tuple(tuple(x) for x in fields["lines"])
         return cls(**fields)
-
-
-def _inputs(channels: Channels, targets: Sequence[str]) -> tuple[str, ...]:
-    """Return what to predict from: the motions, where a position is logged, else every channel.
-
-    Tensions predicted from motions keep a fault of one line out of the residuals of the others.
-    """
-    motions = tuple(c for c in channels.names if c in MOTIONS)
-    seen = len({"north", "east", "surge", "sway"} & set(motions)) >= 2
-    return motions if seen and not set(targets) & set(motions) else channels.names
 
 
 def _subtract(r: Array, ok: Mask, term: Array, good: Mask, lag: int) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 import mooringdx.channels as catalogue
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
-from mooringdx.residuals.training import Training, known, line_tensions
+from mooringdx.residuals.training import SIGNATURE_ERROR, Training, known, line_tensions
 from mooringdx.types import Channels, Fault, Residuals, Signatures
 
 _ALLOWED = "allowed: + - * / ** ( ), channels, 30 [N/m]"
@@ -130,7 +130,10 @@ class Parity:
             total.append(-abs(self.median[column]) or np.nan)
             sign.append(-1.0)
         names = tuple(name for name, _ in self.relations)
-        return Signatures(tuple(faults), names, np.array(rows), tuple(units), np.array(total), np.array(sign))
+        matrix = np.array(rows)
+        share = np.array([SIGNATURE_ERROR if f.kind == "line_lost" else 0.0 for f in faults])
+        error = share[:, None] * np.abs(matrix)
+        return Signatures(tuple(faults), names, matrix, tuple(units), np.array(total), np.array(sign), error)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping."""

@@ -3,11 +3,13 @@
 Equations, in the horizontal plane. Neutral x0 = median of the no-fault positions; r = x - x0. The tension of line j
 falls by s_j per metre towards its anchor: T_j = T_j0 - s_j a_j'(x - x0), fitted on block means of the no-fault
 window (or a_j declared as azimuth), so the mooring's stiffness is K = sum_j s_j a_j a_j' (horizontal part of the
-tension taken as the whole: right for a taut line, a few per cent too stiff for a slack one). A lost line j leaves
-K_j = K - s_j a_j a_j' and an unbalanced force -T_j a_j, hence the offset per newton of tension change v (negative
-when lost): K_j^-1 a_j v. A wrong position sensor moves its own axis. The environment moves both in any direction:
-four directions stand for all. Thrusters that hold position shrink the offset: then this residual sees less, and
-says so by a small size. Source: quasi-static balance of the mooring, [Fang2015, eq. 4] without dynamics.
+tension taken as the whole: right for a taut line, a few per cent too stiff for a slack one). A lost line leaves K_j
+= K - s_j a_j a_j' and an unbalanced force -T_j0 a_j, hence the offset -K_j^-1 a_j T_j0. The size v of a line's loss
+is counted, as the tension residuals do, against the intact line *at the displaced place*: v = -T_j0 (1 + s_j a_j'
+K_j^-1 a_j) for a whole line, and since K_j^-1 a_j = (1 + s_j a_j' K_j^-1 a_j) K^-1 a_j, the offset is K^-1 a_j v. A
+wrong position sensor moves its own axis. The environment moves both in any direction: four directions stand for
+all. Thrusters that hold position shrink the offset: then this residual sees less. Source: quasi-static balance of
+the mooring, [Fang2015, eq. 4] without dynamics.
 """
 
 from __future__ import annotations
@@ -20,11 +22,12 @@ import numpy as np
 
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
-from mooringdx.residuals.training import Training, known, line_tensions
+from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions
 from mooringdx.types import Array, Channels, Fault, Residuals, Signatures, locked
 
 _BLOCKS = 60
-_COMPASS = (0.0, 45.0, 90.0, 135.0)
+_BETWEEN = 0.4
+"""Half the way from one compass direction to the next, as a share of the offset: sin 22.5 deg."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +67,25 @@ class Position:
     def signatures(self) -> Signatures:
         """Return *axis is wrong*, *environment* in four directions, and *line j is gone* where known."""
         faults = [Fault("sensor_fault", c) for c in self.channels]
-        rows = [np.eye(2)[i] for i in range(2)]
+        rows, errors = [np.eye(2)[i] for i in range(2)], [np.zeros(2), np.zeros(2)]
         units, total, sign = list(self.units), [np.nan, np.nan], [0.0, 0.0]
-        for angle in _COMPASS:
+        for angle in COMPASS:
             faults.append(Fault("environment", "position", f"offset along {angle:03.0f} deg"))
             rows.append(np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))]))
+            errors.append(np.full(2, _BETWEEN))
             units.append(self.units[0])
             total.append(np.nan)
             sign.append(0.0)
         for (line, _, level), row in zip(self.lines, self.response, strict=True):
             faults.append(Fault("line_lost", line))
             rows.append(row)
+            errors.append(np.full(2, SIGNATURE_ERROR * float(np.hypot(row[0], row[1]))))
             units.append("N")
             total.append(-level if level > 0 else np.nan)
             sign.append(-1.0)
         names = tuple(f"{c} offset" for c in self.channels)
-        return Signatures(tuple(faults), names, np.array(rows), tuple(units), np.array(total), np.array(sign))
+        matrix, error = np.array(rows), np.array(errors)
+        return Signatures(tuple(faults), names, matrix, tuple(units), np.array(total), np.array(sign), error)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping."""
@@ -100,7 +106,7 @@ class Position:
 def _line_response(
     training: Sequence[Training], axes: tuple[str, ...], tensions: Mapping[str, str], azimuth: Mapping[str, float]
 ) -> tuple[tuple[tuple[str, str, float], ...], Array]:
-    """Return the lines and the offset (lines, 2), m per N of tension change."""
+    """Return the lines (with the size of their whole loss, N) and the offset (lines, 2), m per N of tension change."""
     if len(tensions) < 3 or axes != ("north", "east"):
         return (), np.zeros((0, 2))
     names = (*axes, *tensions.values())
@@ -113,15 +119,16 @@ def _line_response(
         if line in azimuth:
             toward[i] = np.cos(np.radians(azimuth[line])), np.sin(np.radians(azimuth[line]))
     parts = stiffness[:, None, None] * toward[:, :, None] * toward[:, None, :]
-    response = []
+    grown = np.ones(len(tensions))
     for i in range(len(tensions)):
         rest = parts.sum(axis=0) - parts[i]
         if np.linalg.cond(rest) > 1e6:
             return (), np.zeros((0, 2))
-        response.append(np.linalg.solve(rest, toward[i]))
+        grown[i] += stiffness[i] * float(toward[i] @ np.linalg.solve(rest, toward[i]))
     level = np.vstack([t.rows(tuple(tensions.values())) for t in training]).mean(axis=0)
-    lines = tuple((line, t, float(x)) for (line, t), x in zip(tensions.items(), level, strict=True))
-    return lines, np.array(response)
+    whole = level * grown
+    lines = tuple((line, t, float(x)) for (line, t), x in zip(tensions.items(), whole, strict=True))
+    return lines, np.linalg.solve(parts.sum(axis=0), toward.T).T
 
 
 def _block_means(training: Training, names: Sequence[str]) -> Array:

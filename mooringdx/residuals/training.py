@@ -12,6 +12,13 @@ from mooringdx.errors import ConfigError
 from mooringdx.registry import did_you_mean
 from mooringdx.types import Array, Channels
 
+SIGNATURE_ERROR = 0.1
+"""Share to which the effect of a lost line is known: stiffness learned in small motions, lines as springs. A choice."""
+
+
+COMPASS = (0.0, 45.0, 90.0, 135.0)
+"""Directions, deg, that stand for an offset by the environment, which may have any."""
+
 
 @dataclass(frozen=True)
 class Training:

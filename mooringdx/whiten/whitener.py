@@ -7,10 +7,12 @@ The paper filters the residual but not the signature. A step of size d in the re
 response of F/C, divided by sd: a transient, then F(1)/C(1) d / sd, which is what the mapped signature states (times
 the compression's slope for small d).
 
-The filter starts anew after each masked sample: the first p values are its past, e = 0 stands in for what is not
-known, and the output stays masked until the error of that, sd(known start) against sd(e), has died to 1 %, or for 20
-peak periods, whichever is sooner. What it cannot see: a fault of which F(1)/C(1) leaves nothing
-(a residual with a pole at zero frequency), and anything between two masked samples closer than that.
+The filter starts anew after each masked sample: the first p values are its past; the q innovations before are
+estimated by least squares from the samples of the start, which stay masked until the error that is left has died to
+3 % of the innovation's sd, or for 20 peak periods, whichever is sooner. (Taking the unknown ones as zero leaves an
+error that a root near the unit circle carries for minutes: it raised false alarms at the start of a record.) What
+it cannot see: a fault of which F(1)/C(1) leaves nothing (a residual with a pole at zero frequency), and anything
+between two masked samples closer than that.
 """
 
 from __future__ import annotations
@@ -201,18 +203,22 @@ def compressed(whitener: Whitener, pieces: Sequence[Piece], law: Compression | N
 
 
 def settling(model: Arma, limit: int | None = None) -> int:
-    """Return the samples after a start until its error is 1 % of the innovation's sd, at most ``limit``.
+    """Return the samples of a start: until the error it leaves is 3 % of the innovation's sd, at most ``limit``.
 
-    The unknown past innovations e(p-1) ... e(p-q), each with the innovation's sd, are taken as zero; the error is the
-    root sum of squares of their responses through 1/C.
+    The unknown past innovations e(p-1) ... e(p-q) are estimated from the samples so far, each with the innovation's
+    sd as its prior; the error is the sd of what their posterior does to later samples through 1/C.
     """
     p, q = model.order
     if q == 0:
         return p
     longest = 20_000 if limit is None else limit
-    error = start_error(model.ma, max(longest - p, 1))
-    late = np.flatnonzero(error > 0.01)
-    return max(p, min(longest, p + (int(late[-1]) + 1 if len(late) else 0)))
+    response = start_responses(model.ma, max(longest - p, 1))
+    gram = np.eye(q)
+    for n in range(len(response)):
+        gram += np.outer(response[n], response[n])
+        if n % 8 == 7 and response[n] @ np.linalg.solve(gram, response[n]) < 0.03**2:
+            return max(p, min(longest, p + n + 1))
+    return max(p, longest)
 
 
 def _column(pieces: Sequence[Piece], i: int) -> list[Array]:
@@ -259,17 +265,24 @@ def _model_from(body: Mapping[str, Any]) -> Arma:
 def whitened_column(values: Array, valid: Mask, ar: Array, ma: Array, gain: float, settle: int) -> tuple[Array, Mask]:
     """Return gain F/C applied to (n,) centred values, NaN where masked, and which of the output has settled.
 
-    The filter starts anew after each masked sample: p values of past, e = 0 before, ``settle`` samples masked.
+    The filter starts anew after each masked sample, with p values of past. Its ``settle`` first samples are masked and
+    serve to estimate the q innovations before them, by least squares with a prior of one innovation each.
     """
     n, p, q = values.size, ar.size, ma.size
     e = np.zeros(n)
     out = np.full(n, np.nan)
     ok = np.zeros(n, dtype=np.bool_)
+    response = start_responses(ma, max(settle - p, 1))
+    gram = np.eye(q) + response.T @ response
     since = 0
     for k in range(n):
         if not valid[k]:
             since = 0
             continue
+        if since == settle and settle > p and q > 0:
+            first = k - settle + p
+            past = np.linalg.solve(gram, response.T @ e[first:k])
+            e[first:k] -= response @ past
         if since >= p:
             total = values[k]
             for i in range(p):
@@ -285,10 +298,10 @@ def whitened_column(values: Array, valid: Mask, ar: Array, ma: Array, gain: floa
 
 
 @njit(cache=True)
-def start_error(ma: Array, n: int) -> Array:
-    """Return (n,), root sum of squares over j of what a unit e at sample -1-j, taken as zero, does to later ones."""
+def start_responses(ma: Array, n: int) -> Array:
+    """Return (n, q): what a unit innovation at sample -1-j does to the later ones through 1/C."""
     q = ma.size
-    error = np.zeros(n)
+    response = np.zeros((n, q))
     past = np.zeros(n + q)
     for unknown in range(q):
         past[:] = 0.0
@@ -298,5 +311,5 @@ def start_error(ma: Array, n: int) -> Array:
             for j in range(q):
                 total -= ma[j] * past[q + k - 1 - j]
             past[q + k] = total
-            error[k] += total * total
-    return np.sqrt(error)
+            response[k, unknown] = total
+    return response
