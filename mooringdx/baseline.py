@@ -97,6 +97,8 @@ class Baseline:
 
     def alarm_rate(self) -> dict[str, Any]:
         """Return asked, central and interval of the system's false-alarm rate (1/s) with its verdict."""
+        if self.fitted is None:
+            return {"verdict": self.verdict, "reason": self.reason}
         low = sum(t.rate_interval[0] for t in self.thresholds)
         high = sum(t.rate_interval[1] for t in self.thresholds)
         return {

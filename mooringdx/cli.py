@@ -6,6 +6,7 @@ tool failed. Every heavy import stands inside its command, so that `--help` cost
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from mooringdx.baseline import Baseline
     from mooringdx.config import RunConfig
     from mooringdx.types import Channels, Detection, RawLog
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: idle threads only spin
 
 FOUND, WRONG, FAILED = 3, 2, 1
 LOG = click.Path(dir_okay=False, path_type=Path)
@@ -273,7 +276,7 @@ def log_path(run_file: Path, config: RunConfig) -> Path:
 
     if config.log.path is None:
         raise ConfigError(f"{run_file}: [log] path is missing; give it there, or a LOG on the command line")
-    return (run_file.parent / config.log.path).resolve()
+    return Path(os.path.normpath(run_file.parent / config.log.path))
 
 
 def fit_logs(run_file: Path, logs: Sequence[Path], out: Path, extrapolate: bool) -> tuple[Baseline, list[Channels]]:
@@ -289,7 +292,7 @@ def fit_logs(run_file: Path, logs: Sequence[Path], out: Path, extrapolate: bool)
     channels = [prepare(read(path, config), config) for path in paths]
     with progress("learning the baseline") as step:
         baseline = learn(channels, config, extrapolate=extrapolate, progress=step)
-    write_files(out, save(baseline, paths, command=" ".join(["mooringdx", *sys.argv[1:]])))
+    write_files(out, save(baseline, paths, command=command()))
     return baseline, channels
 
 
@@ -302,12 +305,17 @@ def detect_log(baseline: Baseline, path: Path, target: Path, channels: Channels 
 
     config = baseline.config()
     ready = channels if channels is not None else prepare(read(path, config), config)
-    detection = find(ready, baseline, name=path.name)
+    detection = find(ready, baseline, name=path.name, command=command())
     files = detection_files(detection)
     files["events.json"] = json_bytes(as_json(detection))
     files["events.csv"] = events_csv(detection).encode()
     write_files(target, files)
     return detection
+
+
+def command() -> str:
+    """Return the command line as it was given, for the provenance."""
+    return " ".join(["mooringdx", *sys.argv[1:]])
 
 
 def write_report(folder: Path, detection: Detection | None = None) -> Path:

@@ -1,4 +1,4 @@
-"""From what the detectors saw to events with a name, an onset, a size and rivals, and to the verdict in words.
+"""From what the detectors saw to events with a name, an onset, a size and rivals.
 
 The alarm may come from any branch; the name, the onset and the size come from the raw residuals: compressed ones
 saturate, and a step in a whitened one is a transient first, so that both bend the direction of a large fault. The
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mooringdx import decide
-from mooringdx.baseline import Baseline, Fitted
+from mooringdx.baseline import Fitted
 from mooringdx.chain import Walk
 from mooringdx.checks import SEA, agitation
 from mooringdx.config import RunConfig
@@ -236,33 +236,3 @@ def verdict(events: Sequence[Event], channels: Channels) -> str:
     if any(e.kind in FAULTS or e.kind == "unknown" for e in events):
         return "fault_found"
     return "cannot_be_judged" if channels.valid.any(axis=1).mean() < 0.5 else "nothing_found"
-
-
-def sentences(events: Sequence[Event], outcome: str, baseline: Baseline) -> tuple[str, ...]:
-    """Return the verdict in words: one sentence an event, then how often this detector cries wolf."""
-    out = []
-    if outcome == "cannot_be_judged":
-        out.append("Less than half of the log has a valid sample: this log cannot be judged.")
-    elif not events:
-        out.append("Nothing was found.")
-    for event in events:
-        out.append(_event_sentence(event))
-    if baseline.thresholds:
-        out.append(baseline.rate_sentence())
-    return tuple(out)
-
-
-def _event_sentence(event: Event) -> str:
-    what = (
-        decide.plain(Fault(event.kind, event.subject)) if event.kind != "line_weakened" else f"{event.subject} weakened"
-    )
-    mode = f" ({event.mode})" if event.mode else ""
-    how = "" if event.size is None else f", size {event.size:.3g} {event.size_unit}".rstrip()
-    sure = "" if event.probability is None else f", probability {event.probability:.3f}"
-    end = "" if event.cleared is None else f", over at {event.cleared:.1f} s"
-    first = (
-        f"{what[0].upper()}{what[1:]}{mode} from {event.onset:.1f} s, found at {event.detected:.1f} s{how}{sure}{end}."
-    )
-    others = [f"{decide.plain(Fault(r.kind, r.subject))} ({r.probability:.2f})" for r in event.rivals]
-    rest = f" It could also be: {', '.join(others)}." if others else ""
-    return first + rest

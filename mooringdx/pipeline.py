@@ -10,7 +10,7 @@ from mooringdx import __version__, residuals
 from mooringdx.baseline import Baseline, learn
 from mooringdx.checks import run_checks
 from mooringdx.config import RunConfig, window_seconds
-from mooringdx.diagnose import Scene, find, sentences, verdict
+from mooringdx.diagnose import Scene, find, verdict
 from mooringdx.errors import ConfigError, FitError
 from mooringdx.hypotheses import HYPOTHESES
 from mooringdx.logs.align import align
@@ -65,7 +65,7 @@ def no_fault(channels: Channels, run: RunConfig) -> tuple[slice, ...]:
     return (piece,)
 
 
-def detect(channels: Channels, baseline: Baseline, *, name: str) -> Detection:
+def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = "") -> Detection:
     """Walk one log through the fitted chain and the position-only banks to events and a verdict."""
     run = baseline.config()
     measured = walk = None
@@ -87,7 +87,6 @@ def detect(channels: Channels, baseline: Baseline, *, name: str) -> Detection:
     return Detection(
         name=name,
         verdict=outcome,
-        sentences=sentences(events, outcome, baseline),
         channels=channels,
         residuals=measured,
         whitened=walk.whitened if walk else None,
@@ -104,6 +103,7 @@ def detect(channels: Channels, baseline: Baseline, *, name: str) -> Detection:
             "mooringdx": __version__,
             "numpy": np.__version__,
             "configuration_digest": run.digest(),
+            "command": command,
             "log": channels.source.path,
             "log_sha256": channels.source.sha256,
             "baseline_logs": [dict(w) for w in baseline.windows],

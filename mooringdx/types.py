@@ -330,7 +330,7 @@ class Posterior:
 class Detection:
     """Every stage of one log's walk, so that the report recomputes nothing.
 
-    ``verdict`` is nothing_found, fault_found or cannot_be_judged; ``sentences`` say it in words. ``no_fault`` are the
+    ``verdict`` is nothing_found, fault_found or cannot_be_judged. ``no_fault`` are the
     windows (s, this log's clock) that the baseline was learned on, empty when it was learned on other logs.
     ``statistics`` and ``thresholds`` go together by branch (main, short, slow). ``alarm_rate``: asked, central,
     interval (per second) and verdict for the system. ``run`` is the configuration, ``provenance`` what made this.
@@ -339,7 +339,6 @@ class Detection:
 
     name: str
     verdict: str
-    sentences: tuple[str, ...]
     channels: Channels
     residuals: Residuals | None
     whitened: Whitened | None

@@ -227,7 +227,6 @@ def _build(onset: float | None, gauge: float | None, verdict: str, n: int = 1500
     fields: dict[str, Any] = {
         "name": "tank_run_07",
         "verdict": "fault_found",
-        "sentences": (),
         "channels": channels,
         "residuals": residuals,
         "whitened": whitened,
@@ -264,8 +263,7 @@ def line_lost(n: int = 15000) -> Detection:
         rivals=(Rival("sensor_fault", "tension_4", 0.03, "the vessel moved away from anchor 4 as a loss predicts"),),
         evidence={"detector": "glrt", "branch": "main", "peak": 812.4, "threshold": 10.3, "channels": ["tension_4"]},
     )
-    sentence = "line_4 is lost: its measured tension fell by 5.4 N at 1300.1 s and did not return."
-    return _build(ONSET, None, "supported", n, events=(event,), sentences=(sentence,))
+    return _build(ONSET, None, "supported", n, events=(event,))
 
 
 @lru_cache
@@ -319,7 +317,6 @@ def cannot_be_judged() -> Detection:
         checks=(failed, *CHECKS),
         no_fault=(),
         choice=(),
-        sentences=("The log cannot be judged: two thirds of it are gaps.",),
     )
 
 
@@ -414,7 +411,6 @@ def adrift() -> Detection:
     return Detection(
         name="0n110w",
         verdict="fault_found",
-        sentences=(),
         channels=channels,
         residuals=residuals,
         whitened=None,

@@ -11,6 +11,7 @@ from typing import Any
 from mooringdx import __version__
 from mooringdx.config import rate_text
 from mooringdx.report import wording
+from mooringdx.report.record import sentences
 from mooringdx.results import encode
 from mooringdx.types import Detection, Event
 
@@ -83,7 +84,7 @@ def context(detection: Detection, drawn: Sequence[Picture]) -> dict[str, Any]:
         "title": f"{detection.name}: mooring diagnosis",
         "detection": detection,
         "headline": wording.sentence(wording.headline(detection)),
-        "sentences": detection.sentences,
+        "sentences": sentences(detection) if len(detection.events) != 1 else [],
         "doubts": wording.doubts(detection),
         "limits": limits(detection),
         "rates": wording.rates(detection.alarm_rate),

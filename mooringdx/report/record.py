@@ -29,7 +29,7 @@ def as_json(detection: Detection) -> dict[str, Any]:
         "format": "mooringdx events 1",
         "name": detection.name,
         "verdict": detection.verdict,
-        "sentences": list(detection.sentences) or _sentences(detection),
+        "sentences": sentences(detection),
         "alarm_rate": _alarm_rate(detection.alarm_rate),
         "thresholds": [_threshold(t) for t in detection.thresholds],
         "observability": {},
@@ -108,12 +108,12 @@ def _listed(value: Any) -> Iterable[Any]:
 
 
 def summary_csv(found: Sequence[Detection]) -> str:
-    """Return summary.csv: one row a log, with its most probable fault (the first of equals)."""
+    """Return summary.csv: one row a log, with its gravest event (the first of equals)."""
     rows = []
     for d in found:
         body = as_json(d)
-        faults = [e for e in body["events"] if e["kind"] not in ("environment", "moved")] or body["events"]
-        lead: dict[str, Any] = max(faults, key=lambda e: e["probability"] or 0.0, default={})
+        order = {id(e): i for i, e in enumerate(d.events)}
+        lead: dict[str, Any] = body["events"][order[id(wording.ranked(d.events)[0])]] if d.events else {}
         row = {key: lead.get(key) for key in ("kind", "subject", "mode", "onset", "onset_iso", "detected")}
         row |= {
             "name": d.name,
@@ -139,17 +139,19 @@ def _table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     return out.getvalue()
 
 
-def _sentences(detection: Detection) -> list[str]:
+def sentences(detection: Detection) -> list[str]:
+    """Return the verdict in words, a sentence an event."""
     epoch = detection.channels.grid.epoch_ns
-    said = [wording.sentence(f"{wording.what(e)}, from {wording.when(e, epoch)}") for e in detection.events]
-    return said or [wording.sentence(wording.VERDICT.get(detection.verdict, detection.verdict))]
+    said = [wording.sentence(f"{wording.what(e)}, {clock_words(e, epoch)}") for e in detection.events]
+    return said or [wording.sentence(wording.VERDICT_LONG.get(detection.verdict, detection.verdict))]
 
 
 def text(detection: Detection) -> str:
     """Return the outcome for a terminal: at most ten lines in plain words."""
     epoch = detection.channels.grid.epoch_ns
     lines = [f"{detection.name}: {wording.headline(detection)}"]
-    for event in detection.events[:1]:
+    ranked = wording.ranked(detection.events)
+    for event in ranked[:1]:
         lines += [
             f"  when       {wording.when(event, epoch)}; {wording.delay(event)}",
             f"  how sure   {wording.sure(event)}; what else: {wording.others(event)}",
@@ -158,12 +160,12 @@ def text(detection: Detection) -> str:
             lines.append(f"  how big    {wording.size(event)}")
         if event.cannot_tell:
             lines.append(f"  not told   {wording.sentence(event.cannot_tell)}")
-    for number, event in list(enumerate(detection.events, start=1))[1:3]:
-        lines.append(f"  event {number}    {wording.what(event)}, {clock_words(event, epoch)}")
+    for event in ranked[1:3]:
+        lines.append(f"  also       {wording.what(event)}, {clock_words(event, epoch)}")
     if len(detection.events) > 3:
         lines.append(f"  and {len(detection.events) - 3} more events")
-    if not detection.events and detection.sentences:
-        lines.append(f"  {detection.sentences[0]}")
+    if not detection.events:
+        lines.append(f"  {sentences(detection)[0]}")
     said = wording.rates(detection.alarm_rate)
     if said:
         lines.append(f"  false alarms: {said}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -34,6 +34,8 @@ MODE = {
 MARKS = {
     "extrapolated_threshold": "extrapolated threshold: the level rests on a fitted tail, not on counted alarms",
     "outside_fitted_envelope": "outside the fitted envelope: the sea is rougher than the no-fault record",
+    "poorly_explained": "poorly explained: no known cause fits these residuals well; take the name as a hint",
+    "returned": "returned: the vessel came back to its watch circle",
 }
 RATE = {
     "supported": "The no-fault record supports the asked rate.",
@@ -45,6 +47,14 @@ RATE = {
         "INVALID: the no-fault record cannot carry any statement about false alarms;"
         " take every alarm as a hint to look, not as a finding."
     ),
+}
+GRAVITY = (
+    "mooring_lost", "line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "unknown",
+    "moved", "environment",
+)  # fmt: skip
+VERDICT_LONG = {
+    "nothing_found": "Nothing was found",
+    "cannot_be_judged": "Less than half of the log has a valid sample: this log cannot be judged",
 }
 VERDICT = {
     "fault_found": "Fault found",
@@ -180,11 +190,16 @@ def mark(word: str) -> str:
 def headline(detection: Detection) -> str:
     """Return the verdict as one line: its word and the leading event."""
     word = VERDICT.get(detection.verdict, detection.verdict.replace("_", " "))
-    faults = [e for e in detection.events if e.kind not in ("environment", "moved")] or list(detection.events)
-    if detection.verdict != "fault_found" or not faults:
+    events = ranked(detection.events)
+    if detection.verdict != "fault_found" or not events:
         return word
-    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    return f"{word}: {what(faults[0])}{more}"
+    more = f" (and {len(events) - 1} more)" if len(events) > 1 else ""
+    return f"{word}: {what(events[0])}{more}"
+
+
+def ranked(events: Sequence[Event]) -> list[Event]:
+    """Return the events with the gravest kind first, in order of onset within a kind."""
+    return sorted(events, key=lambda e: GRAVITY.index(e.kind) if e.kind in GRAVITY else len(GRAVITY))
 
 
 def doubts(detection: Detection) -> list[str]:
