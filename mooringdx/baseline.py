@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mooringdx import __version__, residuals
-from mooringdx.chain import SHARES, Chain, Pieces, fit_chain, held_back, segments
+from mooringdx.chain import SHARES, Chain, Pieces, cut, fit_chain, held_back, segments
 from mooringdx.checks import agitation, drift_check, whiteness_check
 from mooringdx.config import RunConfig, rate_text
 from mooringdx.detectors.covariance import covariance_of_means
@@ -166,6 +166,8 @@ def learn(
     progress: Progress = None,
 ) -> Baseline:
     """Fit every candidate chain, take the one that finds the smallest faults, and set its levels."""
+    measured = [cut(measured[i], s) for i, s in pieces]
+    pieces = [(i, slice(0, r.grid.n)) for i, r in enumerate(measured)]
     raw = _moments(measured, pieces, timing.window, run)
     trials = []
     for i, kind in enumerate(candidates(run)):

@@ -60,7 +60,8 @@ class Chain:
         for design in self.designs:
             main = design.branch == "main"
             detector = self._detector(design) if main else Glrt(design)
-            statistics.append(detector(z if main else plain))
+            found = detector(z if main else plain)
+            statistics.append(replace(found, values=found.values.astype(np.float32)))
         return Walk(z, plain, tuple(statistics))
 
     def _detector(self, design: Design) -> Detector:
@@ -139,11 +140,11 @@ def held_back(
 ) -> dict[str, list[Array]]:
     """Return the cross-fitted no-fault statistics of every branch: {branch: [(n_i, f) a held-back stretch]}."""
     held: dict[str, list[Array]] = {design.branch: [] for design in full.designs}
-    cut = [_cut(measured[i], s) for i, s in pieces]
+    stretches = [cut(measured[i], s) for i, s in pieces]
 
     def fit_fold(train: list[tuple[int, slice]]) -> Callable[[int, slice], Array]:
-        chain = fit_chain(cut, train, kind, run, timing, full.whitener)
-        walks = [chain(r) for r in cut]
+        chain = fit_chain(stretches, train, kind, run, timing, full.whitener)
+        walks = [chain(r) for r in stretches]
 
         def apply(segment: int, stretch: slice) -> Array:
             for statistic in walks[segment].statistics:
@@ -152,11 +153,11 @@ def held_back(
 
         return apply
 
-    folds.crossfit([r.grid.n for r in cut], fit_fold)
+    folds.crossfit([r.grid.n for r in stretches], fit_fold)
     return held
 
 
-def _cut(measured: Residuals, piece: slice) -> Residuals:
+def cut(measured: Residuals, piece: slice) -> Residuals:
     """Return the residuals of one piece on a grid of its own."""
     grid = measured.grid
     own = Grid(grid.start + grid.sample_time * piece.start, grid.sample_time, piece.stop - piece.start, grid.epoch_ns)

@@ -31,7 +31,7 @@ STAGES: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_files(folder: Path, files: Mapping[str, bytes | memoryview]) -> None:
     """Write files below ``folder`` atomically: each under a temporary name, then all renamed."""
     staged = []
     for name, body in files.items():
@@ -116,7 +116,7 @@ def read_json(path: Path) -> Any:
         raise ReportError(f"{path}: damaged ({error}); run the command that made it again") from None
 
 
-def detection_files(detection: Detection) -> dict[str, bytes]:
+def detection_files(detection: Detection) -> dict[str, bytes | memoryview]:
     """Return detection.json and stages.parquet."""
     big = {"channels", "residuals", "whitened", "statistics", "posteriors"}
     head = {f.name: getattr(detection, f.name) for f in dataclasses.fields(detection) if f.name not in big}
@@ -189,9 +189,7 @@ def _signatures(head: Mapping[str, Any]) -> Signatures:
     return out
 
 
-def _stages(detection: Detection) -> bytes:
-    import io
-
+def _stages(detection: Detection) -> memoryview:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -214,6 +212,6 @@ def _stages(detection: Detection) -> bytes:
         grid = detection.channels.grid
         full[np.rint((p.time - grid.start) / grid.sample_time).astype(np.int64)] = p.probability
         put(f"posterior/{p.bank}", p.hypotheses, full)
-    out = io.BytesIO()
+    out = pa.BufferOutputStream()
     pq.write_table(pa.table(columns), out, compression="zstd", compression_level=1, use_dictionary=False)
-    return out.getvalue()
+    return memoryview(out.getvalue())

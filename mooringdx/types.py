@@ -234,7 +234,8 @@ class Whitened:
 
 @dataclass(frozen=True)
 class Statistic:
-    """A detector's output. ``values``: (n, f), one column a fault (or one for all); NaN where no verdict is allowed.
+    """A detector's output. ``values``: (n, f), one column a fault (or one for all); NaN where no verdict is allowed;
+    single precision once computed, because a day of thirty faults is large.
 
     ``frozen``: (n,), true where an adaptive reference was held because of an alarm.
     """
@@ -246,7 +247,7 @@ class Statistic:
     frozen: Mask | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", locked(self.values))
+        object.__setattr__(self, "values", locked(self.values, np.asarray(self.values).dtype))
 
 
 @dataclass(frozen=True)
