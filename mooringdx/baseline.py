@@ -26,7 +26,7 @@ from mooringdx.results import decode, encode, json_bytes, read_json
 from mooringdx.threshold import DRIFT_LIMIT, drift_ratio, fit_threshold, predicted_threshold, smallest_fault
 from mooringdx.timing import Timing
 from mooringdx.types import Array, Channels, Check, Residuals, Signatures, Threshold, Whitened
-from mooringdx.whiten.whitener import KINDS, Kind
+from mooringdx.whiten.whitener import KINDS, Kind, Whitener
 
 _KEPT = 4000
 Progress = Callable[[int, int], None] | None
@@ -169,9 +169,10 @@ def learn(
     measured = [cut(measured[i], s) for i, s in pieces]
     pieces = [(i, slice(0, r.grid.n)) for i, r in enumerate(measured)]
     raw = _moments(measured, pieces, timing.window, run)
-    trials = []
+    trials: list[_Trial] = []
     for i, kind in enumerate(candidates(run)):
-        trials.append(_trial(measured, pieces, kind, run, timing, raw))
+        start = trials[-1].chain.whitener if trials and trials[-1].chain.whitener.models else None
+        trials.append(_trial(measured, pieces, kind, run, timing, raw, start))
         if progress is not None:
             progress(i + 1, len(candidates(run)))
     best = prefer([t.merit for t in trials])
@@ -231,10 +232,16 @@ class _Trial:
 
 
 def _trial(
-    measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing, raw: Moments
+    measured: Sequence[Residuals],
+    pieces: Pieces,
+    kind: Kind,
+    run: RunConfig,
+    timing: Timing,
+    raw: Moments,
+    start: Whitener | None,
 ) -> _Trial:
     """Fit one candidate, its cross-fitted levels, and the smallest faults it would find."""
-    chain = fit_chain(measured, pieces, kind, run, timing)
+    chain = fit_chain(measured, pieces, kind, run, timing, start)
     held = held_back(measured, pieces, kind, run, timing, chain)
     shares = {d.branch: SHARES[d.branch] for d in chain.designs}
     shares["main"] += 1.0 - sum(shares.values())

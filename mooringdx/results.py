@@ -22,6 +22,7 @@ from mooringdx.errors import ReportError
 from mooringdx.types import Array, Channels, Detection, Mask, Posterior, Residuals, Signatures, Statistic, Whitened
 
 T = TypeVar("T")
+_ROW_GROUP = 131_072
 
 #: The files of each stage; a command replaces only those of its own stage.
 STAGES: Mapping[str, tuple[str, ...]] = {
@@ -190,15 +191,15 @@ def _signatures(head: Mapping[str, Any]) -> Signatures:
 
 
 def _stages(detection: Detection) -> memoryview:
+    """Return stages.parquet, built one row group at a time, in single precision but for the time."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    columns: dict[str, Array] = {"time": detection.channels.grid.time}
+    grid = detection.channels.grid
+    blocks: list[tuple[list[str], Array, Mask | None]] = [(["time"], grid.time[:, None], None)]
 
     def put(prefix: str, names: Iterable[str], values: Array, valid: Mask | None = None) -> None:
-        for i, name in enumerate(names):
-            column = values[:, i] if valid is None else np.where(valid[:, i], values[:, i], np.nan)
-            columns[f"{prefix}/{name}"] = column.astype(np.float32)
+        blocks.append(([f"{prefix}/{name}" for name in names], values, valid))
 
     put("channel", detection.channels.names, detection.channels.values, detection.channels.valid)
     if detection.residuals is not None:
@@ -208,10 +209,22 @@ def _stages(detection: Detection) -> memoryview:
     for s in detection.statistics:
         put(f"statistic/{s.branch}", s.labels, s.values)
     for p in detection.posteriors:
-        full = np.full((detection.channels.grid.n, len(p.hypotheses)), np.nan)
-        grid = detection.channels.grid
+        full = np.full((grid.n, len(p.hypotheses)), np.nan)
         full[np.rint((p.time - grid.start) / grid.sample_time).astype(np.int64)] = p.probability
         put(f"posterior/{p.bank}", p.hypotheses, full)
+
+    def rows(part: slice) -> pa.Table:
+        columns = {}
+        for names, values, valid in blocks:
+            piece = values[part] if valid is None else np.where(valid[part], values[part], np.nan)
+            kind = np.float64 if names == ["time"] else np.float32
+            columns.update({name: np.ascontiguousarray(piece[:, i], dtype=kind) for i, name in enumerate(names)})
+        return pa.table(columns)
+
     out = pa.BufferOutputStream()
-    pq.write_table(pa.table(columns), out, compression="zstd", compression_level=1, use_dictionary=False)
+    first = rows(slice(0, _ROW_GROUP))
+    with pq.ParquetWriter(out, first.schema, compression="zstd", compression_level=1, use_dictionary=False) as writer:
+        writer.write_table(first)
+        for start in range(_ROW_GROUP, grid.n, _ROW_GROUP):
+            writer.write_table(rows(slice(start, start + _ROW_GROUP)))
     return memoryview(out.getvalue())
