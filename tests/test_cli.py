@@ -1,0 +1,140 @@
+"""Truth: the contract of docs/interface.md: exit statuses, one sentence an error, JSON alone on standard output."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import jsonschema
+import pytest
+from click.testing import CliRunner, Result
+
+from mooringdx.cli import main
+
+ROOT = Path(__file__).parents[1]
+QUICK = '[whitening]\norder = "none"\n'
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(w) for w in words])
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of a user's own: the demo log under another name, and a quick run file."""
+    folder = tmp_path_factory.mktemp("user")
+    shutil.copy(ROOT / "data/demo.csv", folder / "tank.csv")
+    text = (ROOT / "configs/runs/demo.toml").read_text().replace("../../data/demo.csv", "tank.csv")
+    (folder / "run.toml").write_text(text + QUICK if "[whitening]" not in text else text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(place: Path) -> Path:
+    """The folder of one whole run."""
+    result = call("run", place / "run.toml", "-o", place / "out")
+    assert result.exit_code == 3, result.output
+    return place / "out"
+
+
+def test_run_writes_every_file_of_the_contract(done: Path) -> None:
+    for name in ("run.json", "baseline.json", "events.json", "events.csv", "stages.parquet", "report.html"):
+        assert (done / name).stat().st_size > 100
+    assert list((done / "figures").glob("*.png"))
+    assert not list(done.rglob("*.part"))
+
+
+def test_events_follow_the_schema(done: Path) -> None:
+    schema = json.loads((ROOT / "mooringdx/schemas/events.schema.json").read_text())
+    body = json.loads((done / "events.json").read_text())
+    jsonschema.validate(body, schema)
+    assert body["verdict"] == "fault_found"
+    assert body["provenance"]["command"].startswith("mooringdx")
+
+
+def test_the_same_input_gives_the_same_bytes(done: Path) -> None:
+    before = {p.name: p.read_bytes() for p in done.iterdir() if p.is_file() and p.name != "run.json"}
+    result = call("run", done.parent / "run.toml", "-o", done)
+    assert result.exit_code == 3
+    after = {p.name: p.read_bytes() for p in done.iterdir() if p.is_file() and p.name != "run.json"}
+    assert before.keys() == after.keys()
+    assert [name for name in before if before[name] != after[name]] == []
+
+
+def test_detect_on_several_logs_gives_a_folder_a_log_and_a_summary(done: Path, place: Path) -> None:
+    shutil.copy(place / "tank.csv", place / "second.csv")
+    result = call("detect", done, place / "tank.csv", place / "second.csv", "--json")
+    assert result.exit_code == 3
+    assert [d["verdict"] for d in json.loads(result.stdout)] == ["fault_found", "fault_found"]
+    assert {p.name for p in (done / "logs").iterdir()} == {"tank", "second"}
+    assert len((done / "summary.csv").read_text().splitlines()) == 3
+
+
+def test_json_is_alone_on_standard_output(place: Path) -> None:
+    body = json.loads(call("inspect", place / "tank.csv", "--json").stdout)
+    assert {"north", "tension_4"} <= {s["guess"] for s in body["signals"]}
+
+
+def test_init_writes_a_run_file_that_fit_accepts(place: Path) -> None:
+    result = call("init", place / "tank.csv", "-o", place / "own.toml")
+    assert result.exit_code == 0, result.output
+    assert call("fit", place / "own.toml", "-o", place / "own").exit_code == 0
+    again = call("init", place / "tank.csv", "-o", place / "own.toml")
+    assert again.exit_code == 2
+    assert "already there" in again.stderr
+
+
+def edited(place: Path, name: str, old: str, new: str) -> Path:
+    path = place / name
+    text = (place / "run.toml").read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('column = "tension_4"', 'column = "tension_44"', ["tension_44", "did you mean", "tank.csv"]),
+        ("[60.0, 1260.0]", "[1260.0, 60.0]", ["reversed", "wrong.toml"]),
+        ("sample_time", "smaple_time", ["smaple_time", "did you mean 'sample_time'"]),
+        ('unit = "deg"', 'unit = "kN"', ["heading", "kN", "rad"]),
+        ("tank.csv", "gone.csv", ["gone.csv"]),
+        ("[60.0, 1260.0]", "[60.0, 400.0]", ["more", "--extrapolate"]),
+    ],
+)
+def test_a_wrong_input_is_one_sentence_and_status_2(place: Path, old: str, new: str, said: list[str]) -> None:
+    result = call("fit", edited(place, "wrong.toml", old, new), "-o", place / "wrong")
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    for word in said:
+        assert word in result.stderr
+    assert not (place / "wrong").exists()
+
+
+def test_a_truncated_log_is_read_as_far_as_it_goes(place: Path) -> None:
+    body = (place / "tank.csv").read_bytes()
+    (place / "cut.csv").write_bytes(body[: len(body) // 3 + 7])
+    result = call("inspect", place / "cut.csv")
+    assert result.exit_code == 0
+    assert "!" in result.stdout  # a check says what was lost
+
+
+def test_missing_results_say_which_command_makes_them(tmp_path: Path) -> None:
+    result = call("report", tmp_path)
+    assert result.exit_code == 2
+    assert "mooringdx detect" in result.stderr
+    assert call("detect", tmp_path).exit_code == 2
+
+
+def test_a_folder_with_strangers_is_left_alone(place: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.docx").write_text("mine")
+    result = call("fit", place / "run.toml", "-o", tmp_path)
+    assert result.exit_code == 2
+    assert "thesis.docx" in result.stderr
+
+
+def test_doctor_finds_the_installation_sound() -> None:
+    assert call("doctor").exit_code == 0

@@ -1,0 +1,175 @@
+"""Truth: the demo's truth file, and the same log again with samples removed, in another format, a second time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mooringdx import baseline as learned
+from mooringdx.baseline import Baseline
+from mooringdx.config import RunConfig, load_run
+from mooringdx.errors import ConfigError, FitError
+from mooringdx.logs import read_log
+from mooringdx.pipeline import detect, fit, prepare
+from mooringdx.report import as_json
+from mooringdx.results import detection_files, load_detection, write_files
+from mooringdx.simulate import load_scenario, save_log, simulate
+from mooringdx.types import Detection, RawLog, Signal, replace
+
+ROOT = Path(__file__).parents[1]
+DEMO = ROOT / "configs/runs/demo.toml"
+
+
+def read(path: Path, run: RunConfig) -> RawLog:
+    return read_log(path, run.channels, run.log.time, run.log.csv)
+
+
+@pytest.fixture(scope="module")
+def run() -> RunConfig:
+    return load_run(DEMO)
+
+
+@pytest.fixture(scope="module")
+def log(run: RunConfig) -> RawLog:
+    return read(ROOT / "data/demo.csv", run)
+
+
+@pytest.fixture(scope="module")
+def baseline(run: RunConfig, log: RawLog) -> Baseline:
+    return fit([prepare(log, run)], run)
+
+
+@pytest.fixture(scope="module")
+def detection(baseline: Baseline, log: RawLog, run: RunConfig) -> Detection:
+    return detect(prepare(log, run), baseline, name="demo.csv")
+
+
+@pytest.fixture(scope="module")
+def truth() -> dict[str, object]:
+    faults = json.loads((ROOT / "data/demo.truth.json").read_text())["faults"]
+    assert len(faults) == 1
+    return dict(faults[0])
+
+
+def test_the_demo_names_the_lost_line(detection: Detection, truth: dict[str, object]) -> None:
+    assert detection.verdict == "fault_found"
+    (event,) = detection.events
+    assert (event.kind, event.subject) == ("line_lost", truth["subject"])
+    assert abs(event.onset - float(str(truth["onset"]))) < 5.0
+    assert not event.rivals
+    assert event.size is not None
+    assert event.size_interval is not None
+    assert event.size_interval[0] < event.size < event.size_interval[1] < 0
+
+
+def test_nothing_is_said_before_the_fault(
+    detection: Detection, baseline: Baseline, log: RawLog, run: RunConfig
+) -> None:
+    """Causal: a log cut before the fault gives the same statistic and no event."""
+    signals = {n: Signal(n, s.time[:12800], s.values[:12800], s.unit, s.source) for n, s in log.signals.items()}
+    cut = detect(prepare(replace(log, signals=signals), run), baseline, name="cut")
+    assert cut.verdict == "nothing_found"
+    for short, whole in zip(cut.statistics, detection.statistics, strict=True):
+        np.testing.assert_array_equal(short.values[:12700], whole.values[:12700])
+
+
+def test_the_mcap_twin_says_the_same(detection: Detection, baseline: Baseline, run: RunConfig) -> None:
+    body = run.model_dump(mode="json")
+    body["channels"] = {n: {"topic": "/log", "field": n, "unit": c["unit"]} for n, c in body["channels"].items()}
+    twin_run = RunConfig.model_validate(body)
+    twin = detect(prepare(read(ROOT / "data/demo.mcap", twin_run), run), baseline, name="demo.mcap")
+    (one,), (other,) = detection.events, twin.events
+    assert (one.kind, one.subject) == (other.kind, other.subject)
+    assert one.onset == pytest.approx(other.onset, abs=0.05)
+
+
+def gappy(log: RawLog, seed: int) -> RawLog:
+    """Return the log with 10 % of its samples gone, in gaps of 1 to 60 s at random places, on all signals at once."""
+    rng = np.random.default_rng(seed)
+    time = next(iter(log.signals.values())).time
+    keep = np.ones(time.size, dtype=bool)
+    while keep.mean() > 0.9:
+        start, length = rng.uniform(time[0], time[-1]), rng.uniform(1.0, 60.0)
+        keep &= (time < start) | (time >= start + length)
+    signals = {n: Signal(n, s.time[keep], s.values[keep], s.unit, s.source) for n, s in log.signals.items()}
+    return replace(log, signals=signals)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_ten_per_cent_of_gaps_cost_the_detection_nothing(
+    seed: int, log: RawLog, baseline: Baseline, run: RunConfig, truth: dict[str, object]
+) -> None:
+    onset = float(str(truth["onset"]))
+    holed = gappy(log, seed)
+    found = detect(prepare(holed, run), baseline, name="gappy")
+    (event,) = found.events
+    assert (event.kind, event.subject) == ("line_lost", truth["subject"])
+    time = next(iter(holed.signals.values())).time
+    seen = time[time >= onset][0]  # nothing can be found inside a gap
+    assert event.detected - seen < 35.0
+
+
+@pytest.mark.parametrize(("scenario", "kind"), [("demo_healthy", None), ("demo_sensor_dead", "sensor_fault")])
+def test_a_dead_gauge_is_not_a_lost_line_and_a_healthy_log_is_healthy(
+    scenario: str, kind: str | None, baseline: Baseline, run: RunConfig, tmp_path: Path
+) -> None:
+    made, _ = simulate(load_scenario(ROOT / f"configs/scenarios/{scenario}.toml"), 1)
+    save_log(made, tmp_path / "made.csv")
+    found = detect(prepare(read(tmp_path / "made.csv", run), run), baseline, name=scenario)
+    assert [(e.kind, e.subject) for e in found.events] == ([] if kind is None else [(kind, "tension_4")])
+
+
+def test_what_is_saved_comes_back(tmp_path: Path, detection: Detection, baseline: Baseline) -> None:
+    files = detection_files(detection)
+    write_files(tmp_path, {**files, **learned.save(baseline, [Path("demo.csv")], "mooringdx fit")})
+    again = load_detection(tmp_path)
+    assert again.events == detection.events
+    assert as_json(again) == as_json(detection)
+    np.testing.assert_allclose(again.channels.values, detection.channels.values, rtol=1e-6, atol=1e-7)
+    assert bytes(detection_files(detection)["stages.parquet"]) == bytes(files["stages.parquet"])
+    back = learned.load(tmp_path)
+    assert learned.save(back, [Path("demo.csv")], "mooringdx fit") == learned.save(
+        baseline, [Path("demo.csv")], "mooringdx fit"
+    )
+
+
+def test_a_second_detection_from_the_saved_baseline_is_the_same(
+    tmp_path: Path, detection: Detection, baseline: Baseline, log: RawLog, run: RunConfig
+) -> None:
+    write_files(tmp_path, learned.save(baseline, [Path("demo.csv")], ""))
+    second = detect(prepare(log, run), learned.load(tmp_path), name="demo.csv")
+    assert as_json(second) == as_json(detection)
+
+
+def changed(run: RunConfig, **parts: dict[str, object]) -> RunConfig:
+    body = run.model_dump(mode="json")
+    for name, values in parts.items():
+        body[name] = {**(body[name] or {}), **values}
+    return RunConfig.model_validate(body)
+
+
+def wrong_windows() -> Iterator[tuple[dict[str, object], type[Exception], str]]:
+    yield {"window": [60.0, 300.0]}, FitError, "more"
+    yield {"window": [9000.0, 9900.0]}, ConfigError, "outside the log, which spans"
+
+
+@pytest.mark.parametrize(("part", "error", "message"), list(wrong_windows()))
+def test_a_window_that_cannot_carry_a_rate_is_refused(
+    part: dict[str, object], error: type[Exception], message: str, log: RawLog, run: RunConfig
+) -> None:
+    short = changed(run, baseline=part, whitening={"order": "none"})
+    with pytest.raises(error, match=message):
+        fit([prepare(log, short)], short)
+
+
+def test_extrapolate_accepts_the_short_window_and_marks_it(log: RawLog, run: RunConfig) -> None:
+    short = changed(run, baseline={"window": [60.0, 360.0]}, whitening={"order": "none"})
+    found = fit([prepare(log, short)], short, extrapolate=True)
+    assert found.verdict == "invalid"
+    events = detect(prepare(log, short), found, name="x").events
+    assert all("extrapolated_threshold" in e.marks for e in events)
+    assert any(e.subject == "line_4" for e in events)
