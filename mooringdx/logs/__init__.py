@@ -10,91 +10,37 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mooringdx.channels import entry, is_unit, si_unit_of, to_local, to_si, unit_in_header
+from mooringdx.config import ChannelSource, CsvOptions, TimeSource
 from mooringdx.errors import ConfigError, LogError
 from mooringdx.registry import resolve
 from mooringdx.types import Check, RawLog, Signal, replace
 
 if TYPE_CHECKING:
-    from mooringdx.logs.text_layout import Options
     from mooringdx.logs.text_stream import Progress
 
 
-class Source(Protocol):
-    """Where one channel stands and how it is scaled; ``config.ChannelSource`` is one."""
-
-    @property
-    def column(self) -> str | None:
-        """The column of a table."""
-
-    @property
-    def topic(self) -> str | None:
-        """The topic of a recording."""
-
-    @property
-    def field(self) -> str | None:
-        """The field in the topic's message."""
-
-    @property
-    def unit(self) -> str | None:
-        """The unit in the log."""
-
-    @property
-    def scale(self) -> float:
-        """Factor on the logged value, before the unit."""
-
-    @property
-    def offset(self) -> float:
-        """Added after the factor, in the unit."""
+Channels = Mapping[str, ChannelSource]
 
 
-class Time(Protocol):
-    """Where the time stands; ``config.TimeSource`` is one."""
-
-    @property
-    def column(self) -> str | None:
-        """The column."""
-
-    @property
-    def date_column(self) -> str | None:
-        """A separate column with the date."""
-
-    @property
-    def unit(self) -> str:
-        """The unit."""
-
-    @property
-    def zone(self) -> str | None:
-        """The zone of stamps that state none."""
-
-    @property
-    def source(self) -> str:
-        """Which stamp of a message counts."""
-
-    @property
-    def field(self) -> str | None:
-        """Where a header stamp stands."""
-
-    @property
-    def model_fields_set(self) -> set[str]:
-        """Which of them were given."""
-
-
-Channels = Mapping[str, Source]
-
-
-def _read_csv(path: Path, channels: Channels | None, time: Time, csv: Options, progress: Progress | None) -> RawLog:
+def _read_csv(
+    path: Path, channels: Channels | None, time: TimeSource, csv: CsvOptions, progress: Progress | None
+) -> RawLog:
     from mooringdx.logs.csv import read
 
     return read(path, channels, time, csv, progress)
 
 
-def _read_parquet(path: Path, channels: Channels | None, time: Time, _: Options, progress: Progress | None) -> RawLog:
+def _read_parquet(
+    path: Path, channels: Channels | None, time: TimeSource, _: CsvOptions, progress: Progress | None
+) -> RawLog:
     from mooringdx.logs.parquet import read
 
     return read(path, channels, time, progress)
 
 
-def _read_mcap(path: Path, channels: Channels | None, time: Time, _: Options, progress: Progress | None) -> RawLog:
+def _read_mcap(
+    path: Path, channels: Channels | None, time: TimeSource, _: CsvOptions, progress: Progress | None
+) -> RawLog:
     from mooringdx.logs.mcap import read
 
     return read(path, channels, time, progress)
@@ -155,8 +101,8 @@ def format_of(path: Path) -> str:
 def read_log(
     path: Path,
     channels: Channels | None,
-    time: Time,
-    csv: Options,
+    time: TimeSource,
+    csv: CsvOptions,
     progress: Progress | None = None,
 ) -> RawLog:
     """Read a log of any format, in SI.
@@ -194,7 +140,7 @@ def read_log(
     return replace(log, signals=signals, checks=tuple(checks))
 
 
-def _to_si(path: Path, signal: Signal, place: Source, checks: list[Check]) -> Signal:
+def _to_si(path: Path, signal: Signal, place: ChannelSource, checks: list[Check]) -> Signal:
     row = entry(signal.name)
     unit = place.unit or signal.unit
     header = unit_in_header(signal.source)[1]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from decimal import Decimal, InvalidOperation
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,30 +31,6 @@ _DATE = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{4}|\d{8}|\d{1
 _CLOCK = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?:\s*([AaPp])[Mm])?"
 _MOMENT = re.compile(rf"\s*({_DATE})(?:[T\s]+{_CLOCK}\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?)?\s*")
 _TIME_OF_DAY = re.compile(rf"\s*{_CLOCK}\s*")
-
-
-class Clock(Protocol):
-    """Where the time stands; ``config.TimeSource`` is one."""
-
-    @property
-    def column(self) -> str | None:
-        """The column, guessed when None."""
-
-    @property
-    def date_column(self) -> str | None:
-        """A column with the date, where the time column holds the time of day."""
-
-    @property
-    def unit(self) -> str:
-        """One of ``UNITS``."""
-
-    @property
-    def zone(self) -> str | None:
-        """The zone of stamps that state none."""
-
-    @property
-    def model_fields_set(self) -> set[str]:
-        """Which of them were given."""
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,17 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mooringdx.channels import unit_in_header
+from mooringdx.config import ChannelSource, CsvOptions, TimeSource
 from mooringdx.errors import LogError
-from mooringdx.logs.clock import Clock, Stamper, ambiguous_order, floats, guess_unit, number, stamper, unroll
+from mooringdx.logs.clock import Stamper, ambiguous_order, floats, guess_unit, number, stamper, unroll
 from mooringdx.logs.text_checks import checks_of
-from mooringdx.logs.text_layout import NULLS, Layout, Options, layout
+from mooringdx.logs.text_layout import NULLS, Layout, layout
 from mooringdx.logs.text_stream import Progress, Tally, blocks, clean, identify
 from mooringdx.types import Array, Check, RawLog, Signal
 
@@ -30,18 +31,6 @@ _TIME_NAME = re.compile(
 )
 _DATE_NAME = re.compile(r"(?i)(date|day|yyyy.*)")
 _EXAMPLES = 3
-
-
-class Place(Protocol):
-    """Where a channel stands; ``config.ChannelSource`` is one."""
-
-    @property
-    def column(self) -> str | None:
-        """The column's header, with or without its unit."""
-
-    @property
-    def unit(self) -> str | None:
-        """The unit in the log, found in the header when None."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +54,9 @@ class Batch:
 
 def read(
     path: Path,
-    channels: Mapping[str, Place] | None,
-    time: Clock,
-    options: Options,
+    channels: Mapping[str, ChannelSource] | None,
+    time: TimeSource,
+    options: CsvOptions,
     progress: Progress | None = None,
 ) -> RawLog:
     """Read a text log in the units of the file; of a damaged one every line that is whole.
@@ -296,7 +285,7 @@ class _Page:
         return self.data.split(b"\n", line - self.first_line + 1)[line - self.first_line].decode("ascii")
 
 
-def time_columns(path: Path, how: Layout, time: Clock) -> TimeColumns:
+def time_columns(path: Path, how: Layout, time: TimeSource) -> TimeColumns:
     """Return where the time stands and how it is read; what ``time`` leaves open is guessed from names and samples."""
     given = time.model_fields_set
     date = None if time.date_column is None else find(path, how.names, time.date_column)
@@ -380,7 +369,9 @@ def save(path: Path, body: bytes) -> None:
         raise LogError(f"{path}: {error.strerror or error}; give a path that can be written") from None
 
 
-def _wanted(path: Path, how: Layout, clock: TimeColumns, channels: Mapping[str, Place] | None) -> dict[str, int]:
+def _wanted(
+    path: Path, how: Layout, clock: TimeColumns, channels: Mapping[str, ChannelSource] | None
+) -> dict[str, int]:
     if channels is None:
         taken = (clock.column, clock.date)
         return {n: i for i, n in enumerate(how.names) if i not in taken and how.numeric(i)}

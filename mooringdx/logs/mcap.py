@@ -13,15 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from mooringdx.config import ChannelSource, TimeSource
 from mooringdx.errors import LogError
 from mooringdx.logs import mcap_decode as decode
 from mooringdx.logs.mcap_harvest import (
     DATED,
     HEADER_STAMP,
-    Clock,
     Harvest,
-    LogTime,
-    Place,
     Progress,
     Topic,
     harvest,
@@ -38,8 +36,8 @@ _DAY = 86400 * 10**9
 
 def read(
     path: Path,
-    channels: Mapping[str, Place] | None = None,
-    time: Clock | None = None,
+    channels: Mapping[str, ChannelSource] | None = None,
+    time: TimeSource | None = None,
     progress: Progress | None = None,
 ) -> RawLog:
     """Read an MCAP file; of a damaged one, everything that can be read.
@@ -61,7 +59,7 @@ def read(
     ------
     LogError : no such file, not an MCAP file, or an asked topic or field is not in it.
     """
-    clock = LogTime() if time is None else time
+    clock = TimeSource() if time is None else time
     try:
         size = path.stat().st_size
         found = harvest(path, size, channels, clock, progress)
@@ -82,7 +80,7 @@ def read(
     return RawLog(signals=signals, source=source, epoch_ns=epoch_ns, checks=checks)
 
 
-def _epoch(found: Harvest, clock: Clock) -> int | None:
+def _epoch(found: Harvest, clock: TimeSource) -> int | None:
     """Return the instant of time zero, ns: the first stamp of the whole log, whichever channels were asked for.
 
     Header stamps are known of decoded messages only, so that there the first log time counts when it is near them.
@@ -96,7 +94,7 @@ def _epoch(found: Harvest, clock: Clock) -> int | None:
 
 
 def _signals(
-    path: Path, found: Harvest, channels: Mapping[str, Place] | None, epoch_ns: int | None
+    path: Path, found: Harvest, channels: Mapping[str, ChannelSource] | None, epoch_ns: int | None
 ) -> tuple[dict[str, Signal], Counter[str]]:
     """Return the signals, and per topic how many samples were left out for a stamp without a date among dated ones."""
     if channels is None:
@@ -191,7 +189,7 @@ def _file_checks(path: Path, found: Harvest, size: int) -> list[Check]:
     return rows
 
 
-def _topic_checks(found: Harvest, dropped: Mapping[str, int], clock: Clock) -> list[Check]:
+def _topic_checks(found: Harvest, dropped: Mapping[str, int], clock: TimeSource) -> list[Check]:
     rows: list[Check] = []
     stamp = clock.field or HEADER_STAMP if clock.source == "header" else clock.source
     for name, topic in found.topics.items():

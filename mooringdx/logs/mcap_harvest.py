@@ -7,8 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
+from mooringdx.config import ChannelSource, TimeSource
 from mooringdx.errors import LogError
 from mooringdx.logs import mcap_decode as decode
 from mooringdx.logs.mcap_records import (
@@ -39,47 +40,6 @@ _MOST_FIELDS = 4096
 
 Progress = Callable[[int, int], None]
 Paths = Mapping[str, tuple[decode.Token, ...]]
-
-
-class Place(Protocol):
-    """Where a channel stands in the log; ``config.ChannelSource`` is one."""
-
-    @property
-    def topic(self) -> str | None:
-        """The topic."""
-
-    @property
-    def field(self) -> str | None:
-        """The field path, such as ``pose.position.x``."""
-
-    @property
-    def unit(self) -> str | None:
-        """The unit in the log."""
-
-
-class Clock(Protocol):
-    """Which stamp of a message counts; ``config.TimeSource`` is one."""
-
-    @property
-    def source(self) -> str:
-        """One of log_time, publish_time, header."""
-
-    @property
-    def field(self) -> str | None:
-        """Where the header stamp stands; ``header.stamp`` when None."""
-
-    @property
-    def unit(self) -> str:
-        """The unit of a header stamp that is one number."""
-
-
-@dataclass(frozen=True)
-class LogTime:
-    """The clock of the recorder, the default."""
-
-    source: str = "log_time"
-    field: str | None = None
-    unit: str = "s"
 
 
 @dataclass
@@ -163,7 +123,7 @@ class Harvest:
 
 
 def harvest(
-    path: Path, size: int, channels: Mapping[str, Place] | None, clock: Clock, progress: Progress | None
+    path: Path, size: int, channels: Mapping[str, ChannelSource] | None, clock: TimeSource, progress: Progress | None
 ) -> Harvest:
     """Walk the file; a second time where it is damaged before its definitions (they stand in the summary again).
 
@@ -193,7 +153,7 @@ def _defined(number: int, known: Harvest) -> bool:
     return channel is not None and (channel.schema_id == 0 or channel.schema_id in known.schemas)
 
 
-def _asked(path: Path, channels: Mapping[str, Place]) -> dict[str, Paths]:
+def _asked(path: Path, channels: Mapping[str, ChannelSource]) -> dict[str, Paths]:
     asked: dict[str, dict[str, tuple[decode.Token, ...]]] = {}
     for name, place in channels.items():
         if place.topic is None or place.field is None:
@@ -206,7 +166,12 @@ def _asked(path: Path, channels: Mapping[str, Place]) -> dict[str, Paths]:
 
 
 def _walk(
-    path: Path, size: int, asked: Mapping[str, Paths] | None, clock: Clock, progress: Progress | None, found: Harvest
+    path: Path,
+    size: int,
+    asked: Mapping[str, Paths] | None,
+    clock: TimeSource,
+    progress: Progress | None,
+    found: Harvest,
 ) -> Harvest:
     told = 0
     with path.open("rb", buffering=1 << 20) as handle:
@@ -254,7 +219,7 @@ def _define(found: Harvest, record: Record) -> None:
                 found.plans.pop(number, None)
 
 
-def _message(found: Harvest, record: Record, asked: Mapping[str, Paths] | None, clock: Clock) -> None:
+def _message(found: Harvest, record: Record, asked: Mapping[str, Paths] | None, clock: TimeSource) -> None:
     head = record.fetch(record.start, MESSAGE_HEAD.size)
     if len(head) < MESSAGE_HEAD.size:
         return
@@ -334,7 +299,7 @@ def _values(plan: _Plan, message: Any) -> list[tuple[str, float]]:
     return kept
 
 
-def _header_stamp(message: Any, clock: Clock) -> int | None:
+def _header_stamp(message: Any, clock: TimeSource) -> int | None:
     try:
         return decode.stamp_ns(decode.follow(message, decode.path(clock.field or HEADER_STAMP)), clock.unit)
     except (LookupError, ValueError, TypeError, OverflowError):

@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mooringdx.channels import unit_in_header
+from mooringdx.config import ChannelSource, TimeSource
 from mooringdx.errors import LogError
-from mooringdx.logs.clock import EPOCH, RELATIVE, Clock, Stamper, guess_unit, stamper
-from mooringdx.logs.csv import Place, find, on_log_clock, save, shared_clock
+from mooringdx.logs.clock import EPOCH, RELATIVE, Stamper, guess_unit, stamper
+from mooringdx.logs.csv import find, on_log_clock, save, shared_clock
 from mooringdx.logs.text_stream import Progress, identify
 from mooringdx.types import Array, Check, RawLog, Signal
 
 
-def read(path: Path, channels: Mapping[str, Place] | None, time: Clock, progress: Progress | None = None) -> RawLog:
+def read(
+    path: Path, channels: Mapping[str, ChannelSource] | None, time: TimeSource, progress: Progress | None = None
+) -> RawLog:
     """Read a Parquet log in the units of the file.
 
     Parameters
@@ -85,7 +88,7 @@ def write(log: RawLog, path: Path) -> None:
     save(path, body.getvalue())
 
 
-def _time(path: Path, file: Any, schema: Any, time: Clock) -> tuple[str, Stamper]:
+def _time(path: Path, file: Any, schema: Any, time: TimeSource) -> tuple[str, Stamper]:
     import pyarrow as pa
 
     if time.column is not None:
@@ -109,7 +112,7 @@ def _time(path: Path, file: Any, schema: Any, time: Clock) -> tuple[str, Stamper
     return at, stamper(unit, time.zone, samples)
 
 
-def _wanted(path: Path, schema: Any, at: str, channels: Mapping[str, Place] | None) -> dict[str, str]:
+def _wanted(path: Path, schema: Any, at: str, channels: Mapping[str, ChannelSource] | None) -> dict[str, str]:
     import pyarrow as pa
 
     if channels is None:

@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from mooringdx.channels import is_unit, unit_in_header
+from mooringdx.config import CsvOptions
 from mooringdx.errors import LogError
 from mooringdx.logs.clock import is_stamp, number
 from mooringdx.logs.text_stream import head
@@ -21,30 +21,6 @@ _STYLES = ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "
 NULLS = ("", "NaN", "nan", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#IND", "-", "--", "---", "NA",
          "N/A", "n/a", "#N/A", "#N/A N/A", "#NUM!", "#VALUE!", "#DIV/0!", "null", "NULL", "None", "none")  # fmt: skip
 _EMPTY = frozenset(NULLS)
-
-
-class Options(Protocol):
-    """What the user says about a text log; ``config.CsvOptions`` is one."""
-
-    @property
-    def delimiter(self) -> str | None:
-        """One character; a space stands for any run of white space."""
-
-    @property
-    def decimal(self) -> str | None:
-        """The decimal mark."""
-
-    @property
-    def header_row(self) -> int | None:
-        """The line of the names, counted from 0 after the skipped ones."""
-
-    @property
-    def skip_rows(self) -> int:
-        """Lines to leave out at the top."""
-
-    @property
-    def comment(self) -> str | None:
-        """What a comment line begins with."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +49,7 @@ class Layout:
         return not filled or 2 * sum(_is_number(x, self.decimal) for x in filled) > len(filled)
 
 
-def layout(path: Path, options: Options) -> Layout:
+def layout(path: Path, options: CsvOptions) -> Layout:
     """Find how a text log is written; what ``options`` says is taken as it is. LogError when no line is data."""
     raw = head(path)
     try:
@@ -133,9 +109,10 @@ def _split(line: str, delimiter: str) -> list[str]:
         return [x.strip() for x in line.split(delimiter)]
 
 
-def _style(lines: Sequence[str], options: Options) -> tuple[str, str]:
+def _style(lines: Sequence[str], options: CsvOptions) -> tuple[str, str]:
     """Return the delimiter and the decimal mark under which most cells of most lines are numbers or stamps."""
-    best, found = (-1.0, 0), (options.delimiter or ",", options.decimal or ".")
+    best = (-1.0, 0)
+    found: tuple[str, str] = (options.delimiter or ",", options.decimal or ".")
     for delimiter, decimal in _STYLES:
         if options.delimiter not in (None, delimiter) or options.decimal not in (None, decimal):
             continue
@@ -170,7 +147,7 @@ def _header(
     width: int,
     comment: str | None,
     delimiter: str,
-    options: Options,
+    options: CsvOptions,
 ) -> tuple[tuple[str, ...], tuple[str | None, ...], int]:
     """Return names, units and the first line of data; without a header the names are column_1, column_2, ..."""
     before = [i for i in rows if i < first and _near(len(rows[i]), width)]
