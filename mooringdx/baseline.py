@@ -127,11 +127,18 @@ class Baseline:
         timing = self.fitted.timing
         seconds = timing.measured * timing.sample_time
         lines = [f"no-fault record {seconds:.0f} s, peak period {timing.peak_period:.3g} s; {_windows(timing)}"]
+        for row in self.choice[:1]:
+            if not row["smallest"]:
+                return "\n".join([*lines, f"whitening: {row['whitening']}", *self._levels()])
         lines.append("smallest fault found in 95 % at the asked rate and named alone one window later:")
         head = [("* " if row["taken"] else "") + row["whitening"] for row in self.choice]
         lines.append(" " * 48 + "".join(f"{h:>20s}" for h in head))
         for fault in self.choice[0]["smallest"]:
             lines.append(f"  {fault:46s}" + "".join(f"{row['smallest'][fault]:>20s}" for row in self.choice))
+        return "\n".join([*lines, *self._levels()])
+
+    def _levels(self) -> list[str]:
+        lines = []
         for t in self.thresholds:
             low, high = t.scaled_interval
             lines.append(
@@ -139,7 +146,7 @@ class Baseline:
             )
         lines.append(self.rate_sentence())
         lines += [f"! {c.name}, {c.subject}: {c.detail}; {c.remedy}" for c in self.checks if not c.passed]
-        return "\n".join(lines)
+        return lines
 
     def rate_sentence(self) -> str:
         """Return the false-alarm rate in words: asked, what the record supports, and the verdict on it."""
@@ -216,6 +223,8 @@ def prefer(merits: Sequence[float]) -> int:
 
 def candidates(run: RunConfig) -> tuple[Kind, ...]:
     """Return the whitening kinds to try."""
+    if run.whitening.order == "auto" and run.detector.kind != "glrt":
+        return ("arma",)  # the smallest fault by which to choose is known for the likelihood ratio only
     if run.whitening.order == "auto":
         return KINDS if run.whitening.compression.kind != "none" else KINDS[:2]
     if run.whitening.order == "none":
@@ -247,10 +256,15 @@ def _trial(
     shares["main"] += 1.0 - sum(shares.values())
     plain = [chain.whitener.uncompressed()(r) for r in measured]
     ratio = drift_ratio(segments(plain, pieces), timing.window)
-    thresholds = tuple(_level(d, held[d.branch], run, timing, shares[d.branch], ratio) for d in chain.designs)
+    dof = {d.branch: chain.main_detector(d).dof if d.branch == "main" else 1 for d in chain.designs}
+    thresholds = tuple(
+        _level(d, held[d.branch], run, timing, shares[d.branch], ratio, dof[d.branch]) for d in chain.designs
+    )
     main, found = thresholds[0], _smallest(chain.designs[0], thresholds[0], measured[0].signatures, raw, timing)
     signatures = measured[0].signatures
     sizes = {f.label: f"{v:.3g} {u}" for f, v, u in zip(signatures.faults, found, signatures.units, strict=True)}
+    if run.detector.kind != "glrt":
+        sizes = {}
     merit = float(np.mean(np.log(found))) if np.isfinite(found).all() else np.inf
     row = {"whitening": kind, "smallest": sizes, "merit": merit, "level": main.scaled_level, "drift": ratio}
     return _Trial(chain, thresholds, row, merit)
@@ -267,7 +281,7 @@ def _smallest(design: Design, main: Threshold, signatures: Signatures, raw: Mome
 
 
 def _level(
-    design: Design, held: Sequence[Array], run: RunConfig, timing: Timing, share: float, drift: float
+    design: Design, held: Sequence[Array], run: RunConfig, timing: Timing, share: float, drift: float, dof: int
 ) -> Threshold:
     """Return one branch's level: from held-back statistics, or from theory for a window too long to be tried."""
     rate, assurance = run.alarm.rate * share, run.alarm.assurance
@@ -276,7 +290,6 @@ def _level(
         window = (design.window, timing.window)
         return predicted_threshold("slow", design.sign, *window, timing.sample_time, rate, assurance, **common)
     following = design.reference.tau is not None
-    dof = len(design.reference.mean) if design.branch == "main" and run.detector.kind == "glrt_unknown" else 1
     return fit_threshold(
         design.branch,
         held,
@@ -327,8 +340,9 @@ def _where(channels: Channels, pieces: Sequence[slice]) -> dict[str, Any]:
     return {"log": channels.source.path, "sha256": channels.source.sha256, "windows": windows}
 
 
-def save(baseline: Baseline, logs: Sequence[Path], command: str) -> dict[str, bytes]:
-    """Return run.json and baseline.json."""
+def save(baseline: Baseline, logs: Sequence[Path], command: str, folder: Path | None = None) -> dict[str, bytes]:
+    """Return run.json and baseline.json; the logs' paths are written relative to ``folder``, where these will stand."""
+    import os
     import platform
 
     run = {
@@ -337,7 +351,7 @@ def save(baseline: Baseline, logs: Sequence[Path], command: str) -> dict[str, by
         "numpy": np.__version__,
         "command": command,
         "configuration_digest": baseline.config().digest(),
-        "logs": [str(p) for p in logs],
+        "logs": [str(p) if folder is None else Path(os.path.relpath(p, folder)).as_posix() for p in logs],
         "sha256": [w["sha256"] for w in baseline.windows],
         "run": baseline.run,
     }

@@ -20,8 +20,8 @@ from mooringdx.detectors.covariance import covariance_of_means
 from mooringdx.detectors.cusum import Cusum
 from mooringdx.detectors.design import Design
 from mooringdx.detectors.glrt import Glrt
+from mooringdx.detectors.glrt_unknown import GlrtUnknown
 from mooringdx.detectors.reference import Reference
-from mooringdx.interfaces import Detector
 from mooringdx.registry import resolve
 from mooringdx.results import decode, encode
 from mooringdx.threshold import folds
@@ -59,19 +59,17 @@ class Chain:
         statistics = []
         for design in self.designs:
             main = design.branch == "main"
-            detector = self._detector(design) if main else Glrt(design)
+            detector = self.main_detector(design) if main else Glrt(design)
             found = detector(z if main else plain)
             statistics.append(replace(found, values=found.values.astype(np.float32)))
         return Walk(z, plain, tuple(statistics))
 
-    def _detector(self, design: Design) -> Detector:
-        """Return the main branch's detector; a cumulative sum is designed for 3 sd of a window mean unless told."""
+    def main_detector(self, design: Design) -> Glrt | GlrtUnknown | Cusum:
+        """Return the main branch's detector; a cumulative sum takes its own design size unless told."""
         kind = resolve(self.detector, DETECTORS, "detector")
         if kind is not Cusum:
             return kind(design)
-        energy = np.einsum("fr,rs,fs->f", design.directions, np.linalg.inv(design.covariance), design.directions)
-        smallest = 3.0 / np.sqrt(design.window * energy)
-        return Cusum(design, np.full(len(energy), self.design_size) if self.design_size else smallest)
+        return Cusum(design, np.full(len(design.labels), self.design_size) if self.design_size else None)
 
     def with_levels(self, thresholds: Sequence[Threshold]) -> Chain:
         """Return the chain whose following references are held while its own alarms stand."""

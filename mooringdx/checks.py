@@ -8,6 +8,7 @@ from mooringdx.types import Array, Channels, Check
 
 WHITE = 0.05
 SEA = 1.5
+LEAST_JUDGED = 0.5
 
 
 def agitation(values: Array) -> Array:
@@ -18,7 +19,7 @@ def agitation(values: Array) -> Array:
     return np.where(2 * count > len(steps), spread, 0.0)
 
 
-def run_checks(channels: Channels, reference: Array) -> tuple[Check, ...]:
+def run_checks(channels: Channels, reference: Array, judged: float) -> tuple[Check, ...]:
     """Return the checks of one log against its baseline: how much is valid, and whether the sea is the fitted one."""
     rows = []
     share = float(channels.valid.mean())
@@ -33,8 +34,40 @@ def run_checks(channels: Channels, reference: Array) -> tuple[Check, ...]:
             remedy="" if share >= 0.9 else "faults inside the masked stretches cannot be seen; look at the gaps above",
         )
     )
+    fine = judged >= LEAST_JUDGED
+    rows.append(
+        Check(
+            name="judged samples",
+            subject="statistic",
+            passed=fine,
+            detail=f"the statistic had a value at {100 * judged:.1f} % of the log",
+            value=judged,
+            limit=LEAST_JUDGED,
+            remedy=""
+            if fine
+            else "the log is shorter than a few windows, or lacks a channel that every residual needs",
+        )
+    )
     rows.append(_sea(channels, reference))
     return tuple(rows)
+
+
+def watched_check(until: float, channels: Channels) -> Check:
+    """Return the row on how far into the log the detectors could look."""
+    blind = max(channels.grid.stop - until, 0.0)
+    passed = blind <= 1.0 or blind <= 2.0 * channels.grid.sample_time
+    return Check(
+        name="watched to the end",
+        subject="statistic",
+        passed=passed,
+        detail=f"the last {blind:.1f} s of the log gave no statistic"
+        if not passed
+        else "the statistic reaches the end",
+        value=blind,
+        limit=1.0,
+        unit="s",
+        remedy="" if passed else "a channel that every residual needs ends early; what happened then was not judged",
+    )
 
 
 def _sea(channels: Channels, reference: Array) -> Check:

@@ -149,18 +149,20 @@ def fit(run_file: Path, logs: Sequence[Path], out: Path, extrapolate: bool, forc
 def detect(folder: Path, logs: Sequence[Path], force: bool, as_json: bool) -> None:
     """Run the detectors of the baseline in FOLDER over its own log, or over other LOGS."""
     from mooringdx.baseline import load
-    from mooringdx.results import guard, read_json
+    from mooringdx.results import clear, guard, log_names, read_json
 
     guard(folder, "detect", force)
     baseline = load(folder)
-    paths = list(logs) or [Path(p) for p in read_json(folder / "run.json")["logs"]][:1]
-    found = []
-    for path in paths:
-        target = folder if len(paths) == 1 else folder / "logs" / path.name.split(".")[0]
-        found.append(detect_log(baseline, path, target, None))
-    if len(found) > 1:
-        write_summary(folder, found)
-    finish(found, as_json)
+    paths = list(logs) or [Path(os.path.normpath(folder / p)) for p in read_json(folder / "run.json")["logs"]]
+    clear(folder, "detect")
+    if len(paths) == 1:
+        finish([outcome(detect_log(baseline, paths[0], folder, None))], as_json)
+        return
+    rows = [
+        detect_row(baseline, path, folder / "logs" / name) for path, name in zip(paths, log_names(paths), strict=True)
+    ]
+    write_summary(folder, rows)
+    finish(rows, as_json)
 
 
 @main.command()
@@ -173,7 +175,7 @@ def report(folder: Path, force: bool) -> None:
 
     guard(folder, "report", force)
     inner = sorted((folder / "logs").glob("*/detection.json")) if (folder / "logs").is_dir() else []
-    places = [folder] if (folder / "detection.json").exists() or not inner else []
+    places = [folder] if (folder / "detection.json").exists() else []
     places += [p.parent for p in inner]
     if not places:
         raise ReportError(f"{folder}: no detection in it; `mooringdx detect {folder}` makes one")
@@ -198,9 +200,9 @@ def run(run_file: Path, log: Path | None, out: Path, extrapolate: bool, force: b
         click.echo(baseline.text() + "\n")
     path = log or log_path(run_file, baseline.config())
     detection = detect_log(baseline, path, out, channels[0])
-    page = write_report(out, detection)
-    finish([detection], as_json)
+    page = write_report(out)
     click.echo(f"report: {page}", err=True)
+    finish([outcome(detection)], as_json)
 
 
 @main.command()
@@ -285,14 +287,15 @@ def fit_logs(run_file: Path, logs: Sequence[Path], out: Path, extrapolate: bool)
     from mooringdx.config import load_run
     from mooringdx.pipeline import fit as learn
     from mooringdx.pipeline import prepare
-    from mooringdx.results import write_files
+    from mooringdx.results import clear, write_files
 
     config = load_run(run_file)
     paths = list(logs) or [log_path(run_file, config)]
     channels = [prepare(read(path, config), config) for path in paths]
     with progress("learning the baseline") as step:
         baseline = learn(channels, config, extrapolate=extrapolate, progress=step)
-    write_files(out, save(baseline, paths, command=command()))
+    clear(out, "fit")
+    write_files(out, save(baseline, paths, command(), out))
     return baseline, channels
 
 
@@ -318,32 +321,59 @@ def command() -> str:
     return " ".join(["mooringdx", *sys.argv[1:]])
 
 
-def write_report(folder: Path, detection: Detection | None = None) -> Path:
-    """Write report.html and figures/ of one detection."""
+def write_report(folder: Path) -> Path:
+    """Write report.html and figures/ of the detection stored in ``folder``."""
+    from mooringdx.errors import ReportError
     from mooringdx.report import write
-    from mooringdx.results import load_detection
+    from mooringdx.results import load_detection, read_json
 
-    return write(detection or load_detection(folder), folder)
+    detection = load_detection(folder)
+    fitted = folder if (folder / "run.json").exists() else folder.parent.parent
+    if read_json(fitted / "run.json")["configuration_digest"] != detection.provenance["configuration_digest"]:
+        raise ReportError(f"{folder}: detected with another configuration than {fitted / 'run.json'}; detect again")
+    return write(detection, folder)
 
 
-def write_summary(folder: Path, found: Sequence[Detection]) -> None:
+def outcome(detection: Detection) -> dict[str, Any]:
+    """Return what the end of a command needs of one detection: its contract and its text, not its arrays."""
+    from mooringdx.report import as_json as contract
+    from mooringdx.report import summary_row, text
+
+    return {"json": contract(detection), "text": text(detection), "row": summary_row(detection)}
+
+
+def detect_row(baseline: Baseline, path: Path, target: Path) -> dict[str, Any]:
+    """Detect on one of several logs; a log that cannot be read is a row with its reason, and the batch goes on."""
+    try:
+        return outcome(detect_log(baseline, path, target, None))
+    except MooringdxError as error:
+        row = {"name": path.name, "verdict": "failed", "cannot_tell": str(error)}
+        return {
+            "json": {"name": path.name, "verdict": "failed", "error": str(error)},
+            "text": f"{path.name}: failed: {error}",
+            "row": row,
+        }
+
+
+def write_summary(folder: Path, found: Sequence[dict[str, Any]]) -> None:
     """Write summary.csv: one row a log."""
     from mooringdx.report import summary_csv
     from mooringdx.results import write_files
 
-    write_files(folder, {"summary.csv": summary_csv(found).encode()})
+    write_files(folder, {"summary.csv": summary_csv([f["row"] for f in found]).encode()})
 
 
-def finish(found: Sequence[Detection], as_json: bool) -> None:
+def finish(found: Sequence[dict[str, Any]], as_json: bool) -> None:
     """Print the outcome and leave with the status that a script can rely on."""
-    from mooringdx.report import as_json as contract
-    from mooringdx.report import text
-
+    bodies = [f["json"] for f in found]
     if as_json:
-        put_json(contract(found[0]) if len(found) == 1 else [contract(d) for d in found])
+        put_json(bodies[0] if len(found) == 1 else bodies)
     else:
-        click.echo("\n\n".join(text(d) for d in found))
-    if any(d.verdict == "fault_found" for d in found):
+        click.echo("\n\n".join(f["text"] for f in found))
+    verdicts = {body["verdict"] for body in bodies}
+    if "failed" in verdicts:
+        sys.exit(WRONG)
+    if "fault_found" in verdicts:
         sys.exit(FOUND)
 
 

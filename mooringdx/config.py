@@ -24,7 +24,10 @@ def parse_rate(value: object) -> float:
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*/\s*(?:([0-9.]+)\s*)?([a-z]+?)s?\s*", str(value))
     if not match or match[3] not in SECONDS:
         raise ValueError(f'a rate is written like "1/month", got {value!r}; allowed periods: {", ".join(SECONDS)}')
-    return float(match[1]) / (float(match[2] or 1.0) * SECONDS[match[3]])
+    count, per = float(match[1]), float(match[2] or 1.0)
+    if not (count > 0 and per > 0):
+        raise ValueError(f'a rate must be above zero, got {value!r}; write it like "1/month"')
+    return count / (per * SECONDS[match[3]])
 
 
 def rate_text(rate: float) -> str:
@@ -178,6 +181,12 @@ class MooringPart(_Part):
     lines: list[str] = []
     azimuth: dict[str, float] = {}
 
+    @model_validator(mode="after")
+    def _no_vessel_yet(self) -> MooringPart:
+        if self.vessel is not None:
+            raise ValueError("vessel models are not part of this version; leave vessel out and name lines and azimuths")
+        return self
+
 
 class LearnedPart(_Part):
     """[residuals.learned]"""
@@ -291,7 +300,7 @@ class BankPart(_Part):
 
 
 class RunConfig(_Part):
-    """A run file. ``path`` and ``folder`` say where it stood; they are no part of the digest."""
+    """A run file, complete with its defaults."""
 
     log: LogPart = LogPart()
     channels: dict[str, ChannelSource]

@@ -38,6 +38,7 @@ class Alarm:
     peak: float
     peak_at: int
     branches: tuple[str, ...] = ()
+    peak_branch: str = "main"
 
 
 def peak_ratio(statistic: Statistic, threshold: Threshold) -> Array:
@@ -100,7 +101,9 @@ def alarms(branch: str, ratio: Array, hysteresis: float, hold: int, least: int =
         last = ratio.size if stop < 0 else int(stop)
         stretch = np.nan_to_num(ratio[start:last], nan=-1.0)
         at = int(start) + int(np.argmax(stretch))
-        found.append(Alarm(branch, int(start), None if stop < 0 else int(stop), float(ratio[at]), at, (branch,)))
+        found.append(
+            Alarm(branch, int(start), None if stop < 0 else int(stop), float(ratio[at]), at, (branch,), branch)
+        )
     return found
 
 
@@ -115,7 +118,7 @@ def merge(found: Sequence[Alarm], gap: int) -> list[Alarm]:
         stop = None if last.stop is None or alarm.stop is None else max(last.stop, alarm.stop)
         top = alarm if alarm.peak > last.peak else last
         names = tuple(dict.fromkeys((*last.branches, *alarm.branches)))
-        out[-1] = Alarm(last.branch, last.start, stop, top.peak, top.peak_at, names)
+        out[-1] = Alarm(last.branch, last.start, stop, top.peak, top.peak_at, names, top.peak_branch)
     return out
 
 
@@ -305,4 +308,5 @@ def sensor_mode(before: Array, after: Array, residual: Array) -> str:
     swing = after - after.mean()
     gain = float(np.dot(swing, residual - step) / max(np.dot(swing, swing), 1e-300))
     explained = gain**2 * float(np.var(swing)) / max(rest**2, 1e-300)
-    return "gain" if abs(gain) > 0.1 and explained > 0.6 else "bias"
+    itself = abs(gain - 1.0) < 0.05  # the residual is the channel's own motion, as an offset from neutral is
+    return "gain" if abs(gain) > 0.1 and explained > 0.6 and not itself else "bias"

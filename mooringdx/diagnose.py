@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from mooringdx import decide
 from mooringdx.baseline import Fitted
 from mooringdx.chain import Walk
-from mooringdx.checks import SEA, agitation
+from mooringdx.checks import LEAST_JUDGED, SEA, agitation
 from mooringdx.config import RunConfig
-from mooringdx.types import Array, Channels, Defect, Event, Fault, Residuals, replace
+from mooringdx.types import Array, Channels, Defect, Event, Fault, Posterior, Residuals, Statistic, replace
 
 FAULTS = ("line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost")
 Index = NDArray[np.intp]
 POOR_FIT = 10.0
+LONGEST_BLIND = 4.0
 _WEAKENED = 0.85
 
 
@@ -71,7 +72,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         "detected": float(time[0]),
         "named": float(time[1]),
         "cleared": None if alarm.stop is None else grid.start + grid.sample_time * alarm.stop,
-        "evidence": _evidence(scene, alarm),
+        "evidence": _evidence(scene, alarm, rows),
     }
     marks = _marks(scene, alarm)
     if chosen is None:
@@ -81,6 +82,8 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     fault = signatures.faults[chosen.winner]
     size = _size(scene, alarm, first, chosen.winner, rows)
     kind, mode = _kind(scene, fault, chosen.winner, size, first, alarm)
+    if kind == "environment" and chosen.misfit > POOR_FIT:
+        kind = "unknown"
     return Event(
         kind=kind,
         subject=fault.subject,
@@ -96,17 +99,17 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     )
 
 
-def _reference(scene: Scene, alarm: decide.Alarm) -> Array:
-    """Return the mean residual without fault, (r,): over the last memory of the following reference, or as fitted."""
+def _reference(scene: Scene, alarm: decide.Alarm, rows: Index) -> Array:
+    """Return the mean of the residuals ``rows`` without fault: over the following reference's memory, or as fitted."""
     timing, measured = scene.fitted.timing, scene.residuals
     stop = alarm.start - 2 * timing.window
     start = stop - timing.memory
     if timing.memory == 0 or start < 0 or alarm.branches == ("slow",):
-        return np.asarray(scene.fitted.raw.mean)
-    good = measured.valid[start:stop].all(axis=1)
+        return np.asarray(scene.fitted.raw.mean)[rows]
+    good = measured.valid[start:stop][:, rows].all(axis=1)
     if good.mean() < 0.5:
-        return np.asarray(scene.fitted.raw.mean)
-    return np.asarray(measured.values[start:stop][good].mean(axis=0))
+        return np.asarray(scene.fitted.raw.mean)[rows]
+    return np.asarray(measured.values[start:stop][good][:, rows].mean(axis=0))
 
 
 def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> decide.Name | None:
@@ -115,9 +118,12 @@ def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> decide
     good = measured.valid[look][:, rows].all(axis=1)
     if not len(rows) or not good.any():
         return None
-    mean = measured.values[look][good][:, rows].mean(axis=0) - _reference(scene, alarm)[rows]
+    mean = measured.values[look][good][:, rows].mean(axis=0) - _reference(scene, alarm, rows)
     covariance = np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
-    scores, misfit = decide.weigh(mean, int(good.sum()), decide.part(signatures, rows), covariance)
+    known = decide.part(signatures, rows)
+    if len(rows) == 1:  # one number cannot rank causes: all that move it are level
+        known = replace(known, error=np.zeros_like(known.error))
+    scores, misfit = decide.weigh(mean, int(good.sum()), known, covariance)
     chosen = decide.name(scores)
     return None if chosen is None else replace(chosen, misfit=float(misfit[chosen.winner]))
 
@@ -126,14 +132,24 @@ def _onset(scene: Scene, alarm: decide.Alarm, at: int, rows: Index, chosen: deci
     """Return the onset sample and its interval for the named fault; the alarm itself when nothing was named."""
     if chosen is None:
         return alarm.start, alarm.start, alarm.start
-    timing, measured = scene.fitted.timing, scene.residuals
+    timing = scene.fitted.timing
     back = max(timing.slow, 2 * timing.window) if alarm.branches == ("slow",) else 2 * timing.window
-    first = max(0, alarm.start - back)
-    direction = np.asarray(measured.signatures.matrix)[chosen.winner][rows]
+    while True:
+        found = _onset_within(scene, alarm, at, rows, chosen.winner, back)
+        if found[1] > max(0, alarm.start - back) or back >= min(alarm.start, 32 * timing.window):
+            return found
+        back *= 2  # the interval touches the end of the search: look further back
+
+
+def _onset_within(
+    scene: Scene, alarm: decide.Alarm, at: int, rows: Index, winner: int, back: int
+) -> tuple[int, int, int]:
+    measured, first = scene.residuals, max(0, alarm.start - back)
+    direction = np.asarray(measured.signatures.matrix)[winner][rows]
     weight = np.linalg.solve(np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)], direction)
     stretch = slice(first, at + 1)
     good = np.asarray(measured.valid[stretch][:, rows].all(axis=1), dtype=np.bool_)
-    still = _reference(scene, alarm)[rows]
+    still = _reference(scene, alarm, rows)
     u = np.where(good, (np.nan_to_num(measured.values[stretch][:, rows]) - still) @ weight, 0.0)
     found = decide.onset(u, good, float(weight @ direction), 0, at - first, alarm.start - first)
     return first + found[0], first + found[1], first + found[2]
@@ -142,15 +158,22 @@ def _onset(scene: Scene, alarm: decide.Alarm, at: int, rows: Index, chosen: deci
 def _size(
     scene: Scene, alarm: decide.Alarm, first: int, winner: int, rows: Index
 ) -> tuple[float, tuple[float, float]] | None:
-    """Return size and interval from raw residuals over the window before three windows after the alarm."""
+    """Return size and interval from raw residuals, the last two of the three windows after the alarm."""
     timing, raw, measured = scene.fitted.timing, scene.fitted.raw, scene.residuals
-    last = min(alarm.start + 3 * timing.window, alarm.stop or scene.channels.grid.n)
+    last = min(alarm.start + 3 * timing.window, _end(scene, alarm))
     begin = max(first, last - 2 * timing.window)
-    still = _reference(scene, alarm)
-    values = measured.values[begin:last][:, rows] - still[rows]
+    still = _reference(scene, alarm, rows)
+    values = measured.values[begin:last][:, rows] - still
     covariance = np.asarray(raw.covariance)[np.ix_(rows, rows)]
     signatures = decide.part(measured.signatures, rows)
     return decide.size(values, measured.valid[begin:last][:, rows], signatures, winner, covariance)
+
+
+def _end(scene: Scene, alarm: decide.Alarm) -> int:
+    """Return about where the fault itself ended: the statistic remembers it for one window more."""
+    if alarm.stop is None:
+        return scene.channels.grid.n
+    return max(alarm.start + 1, alarm.stop - scene.fitted.timing.window)
 
 
 def _kind(
@@ -167,27 +190,29 @@ def _kind(
         return "line_weakened", None
     if fault.kind != "sensor_fault" or fault.subject not in scene.channels.names:
         return fault.kind, fault.mode
-    column, grid = scene.channels.column(fault.subject), scene.channels.grid
-    last = min(alarm.stop or grid.n, first + 20 * scene.fitted.timing.window)
+    column = scene.channels.column(fault.subject)
+    last = max(first + 1, min(_end(scene, alarm), first + 20 * scene.fitted.timing.window))
     reference = scene.fitted.level[:, scene.channels.names.index(fault.subject)]
     reference = reference[np.isfinite(reference)]
-    own = int(np.argmax(np.abs(scene.residuals.signatures.matrix[winner])))
+    sd = np.sqrt(np.diagonal(scene.fitted.raw.covariance))
+    own = int(np.argmax(np.abs(scene.residuals.signatures.matrix[winner]) / np.where(sd > 0, sd, np.inf)))
     gain = scene.residuals.signatures.matrix[winner, own]
     residual = (scene.residuals.values[first:last, own] - scene.fitted.raw.mean[own]) / gain
     good = np.isfinite(column[first:last]) & np.isfinite(residual)
     return fault.kind, decide.sensor_mode(reference, column[first:last][good], residual[good])
 
 
-def _evidence(scene: Scene, alarm: decide.Alarm) -> dict[str, object]:
-    branch = next(i for i, s in enumerate(scene.walk.statistics) if s.branch == alarm.branch)
+def _evidence(scene: Scene, alarm: decide.Alarm, rows: Index) -> dict[str, object]:
+    branch = next(i for i, s in enumerate(scene.walk.statistics) if s.branch == alarm.peak_branch)
     threshold, statistic = scene.fitted.thresholds[branch], scene.walk.statistics[branch]
     row = statistic.values[alarm.peak_at] / threshold.level
     top = int(np.nanargmax(row)) if np.isfinite(row).any() else 0
+    kinds = {"main": scene.run.detector.kind}
     return {
-        "detector": f"{scene.run.detector.kind} ({', '.join(alarm.branches)} branch)",
+        "detector": ", ".join(f"{kinds.get(b, 'glrt')} ({b} branch)" for b in alarm.branches),
         "peak": float(alarm.peak * threshold.level[top]),
         "threshold": float(threshold.level[top]),
-        "channels": list(scene.residuals.names),
+        "channels": [scene.residuals.names[i] for i in rows],
     }
 
 
@@ -231,8 +256,28 @@ def _group(scene: Scene, subjects: Sequence[str]) -> str:
     return subjects[0]
 
 
-def verdict(events: Sequence[Event], channels: Channels) -> str:
-    """Return nothing_found, fault_found or cannot_be_judged (less than half of the log has a valid sample)."""
+def judged(statistics: Sequence[Statistic], posteriors: Sequence[Posterior], channels: Channels) -> float:
+    """Return the share of the log's samples at which a verdict was possible."""
+    if statistics:
+        return float(np.isfinite(statistics[0].values).any(axis=1).mean()) if channels.grid.n else 0.0
+    if posteriors:
+        return float(channels.valid.any(axis=1).mean())
+    return 0.0
+
+
+def watched_until(statistics: Sequence[Statistic], channels: Channels) -> float:
+    """Return the last time, s, at which any branch gave a statistic; the end of the log for a position-only bank."""
+    seen = [np.flatnonzero(np.isfinite(s.values).any(axis=1)) for s in statistics]
+    last = max((int(rows[-1]) for rows in seen if rows.size), default=-1) if statistics else channels.grid.n - 1
+    return channels.grid.start + channels.grid.sample_time * (last + 1)
+
+
+def verdict(events: Sequence[Event], share: float, blind: float) -> str:
+    """Return nothing_found, fault_found or cannot_be_judged.
+
+    Not to be judged: a verdict was possible at less than half of the log (``share``), or not over its last ``blind``
+    detector windows (more than 4), in which anything may have happened.
+    """
     if any(e.kind in FAULTS or e.kind == "unknown" for e in events):
         return "fault_found"
-    return "cannot_be_judged" if channels.valid.any(axis=1).mean() < 0.5 else "nothing_found"
+    return "cannot_be_judged" if share < LEAST_JUDGED or blind > LONGEST_BLIND else "nothing_found"

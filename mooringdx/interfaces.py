@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -31,9 +30,3 @@ class Detector(Protocol):
     """A fitted detector: whitened residuals in, a statistic out. Causal."""
 
     def __call__(self, whitened: Whitened) -> Statistic: ...
-
-
-class Batches(Protocol):
-    """A streamed source of arrays with bounded memory."""
-
-    def __iter__(self) -> Iterator[Sequence[Any]]: ...

@@ -8,9 +8,9 @@ import numpy as np
 
 from mooringdx import __version__, residuals
 from mooringdx.baseline import Baseline, learn
-from mooringdx.checks import run_checks
+from mooringdx.checks import run_checks, watched_check
 from mooringdx.config import RunConfig, window_seconds
-from mooringdx.diagnose import Scene, find, verdict
+from mooringdx.diagnose import Scene, find, judged, verdict, watched_until
 from mooringdx.errors import ConfigError, FitError
 from mooringdx.hypotheses import HYPOTHESES
 from mooringdx.logs.align import align
@@ -57,6 +57,12 @@ def no_fault(channels: Channels, run: RunConfig) -> tuple[slice, ...]:
     grid = channels.grid
     window = window_seconds(run.baseline.window, grid.epoch_ns)
     piece = grid.window(window)
+    past = max(window[1] - grid.stop, grid.start - window[0])
+    if piece.stop > piece.start and past > 0.1 * (window[1] - window[0]):
+        raise ConfigError(
+            f"[baseline] window [{window[0]:g}, {window[1]:g}] s reaches past the log, which spans [{grid.start:g}, "
+            f"{grid.stop:g}] s; give a part of the log, in s, in which nothing was wrong"
+        )
     if piece.stop - piece.start < 2:
         raise ConfigError(
             f"[baseline] window [{window[0]:g}, {window[1]:g}] s lies outside the log, "
@@ -75,7 +81,8 @@ def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = 
         measured = baseline.fitted.stack(channels)
         walk = baseline.fitted.chain(measured)
         events += find(Scene(channels, measured, walk, baseline.fitted, run, baseline.verdict))
-        checks += run_checks(channels, baseline.fitted.agitation)
+        checks += run_checks(channels, baseline.fitted.agitation, judged(walk.statistics, (), channels))
+        checks.append(watched_check(watched_until(walk.statistics, channels), channels))
     posteriors = []
     for word in run.bank.use:
         posterior, found, rows = resolve(word, HYPOTHESES, "bank")(getattr(run.bank, word))(channels)
@@ -83,14 +90,19 @@ def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = 
         events += found
         checks += rows
     events.sort(key=lambda e: (e.onset, e.detected, e.subject))
-    outcome = verdict(events, channels)
+    statistics = walk.statistics if walk else ()
+    blind = 0.0
+    if baseline.fitted is not None:
+        window = baseline.fitted.timing.window * channels.grid.sample_time
+        blind = (channels.grid.stop - watched_until(statistics, channels)) / window
+    outcome = verdict(events, judged(statistics, posteriors, channels), blind)
     return Detection(
         name=name,
         verdict=outcome,
         channels=channels,
         residuals=measured,
         whitened=walk.whitened if walk else None,
-        statistics=walk.statistics if walk else (),
+        statistics=statistics,
         thresholds=baseline.thresholds,
         posteriors=tuple(posteriors),
         events=tuple(events),

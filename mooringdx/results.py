@@ -11,8 +11,10 @@ import dataclasses
 import json
 import math
 import os
+import re
+import shutil
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,6 +25,7 @@ from mooringdx.types import Array, Channels, Detection, Mask, Posterior, Residua
 
 T = TypeVar("T")
 _ROW_GROUP = 131_072
+ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".out", ".gz", ".zst", ".parquet", ".mcap")
 
 #: The files of each stage; a command replaces only those of its own stage.
 STAGES: Mapping[str, tuple[str, ...]] = {
@@ -60,6 +63,33 @@ def guard(folder: Path, stage: str, force: bool) -> None:
             raise ReportError(
                 f"{folder}: holds '{item.name}', which {stage} did not write; give another -o DIR, or --force"
             )
+
+
+def clear(folder: Path, stage: str) -> None:
+    """Remove what ``stage`` and later stages left in a folder: no result of another run may stay beside a new one."""
+    stages = list(STAGES)
+    for later in stages[stages.index(stage) :]:
+        for name in STAGES[later]:
+            target = folder / name
+            if target.is_dir():
+                shutil.rmtree(target)
+            else:
+                target.unlink(missing_ok=True)
+
+
+def log_names(paths: Sequence[Path]) -> list[str]:
+    """Return a folder name a log: its file name without the endings of logs; alike names get their number.
+
+    ``2025.03.14.csv.gz`` becomes ``2025.03.14``; two logs ``a/log.csv`` and ``b/log.csv`` become ``log`` and ``log_2``.
+    """
+    out: list[str] = []
+    for path in paths:
+        stem = path.name
+        while Path(stem).suffix.lower() in ENDINGS and Path(stem).stem:
+            stem = Path(stem).stem
+        taken = sum(1 for name in out if name == stem or re.fullmatch(re.escape(stem) + r"_\d+", name))
+        out.append(f"{stem}_{taken + 1}" if taken else stem)
+    return out
 
 
 def json_bytes(body: Any) -> bytes:

@@ -32,11 +32,6 @@ class Timing:
     memory: int
     measured: int
 
-    @property
-    def settle(self) -> int:
-        """Samples masked after a restart of the whitening filter: 20 peak periods."""
-        return max(1, round(20.0 * self.peak_period / self.sample_time))
-
 
 def design(part: DetectorPart, sample_time: float, pieces: Sequence[Array]) -> Timing:
     """Return the windows for a no-fault record.
@@ -70,28 +65,38 @@ def design(part: DetectorPart, sample_time: float, pieces: Sequence[Array]) -> T
 
 
 def peak_period(pieces: Sequence[Array], sample_time: float) -> float:
-    """Return the period of the waves in s: the top of the channels' summed spectra, weighted by frequency.
+    """Return the period of the waves in s: the top of the channels' summed spectra of the rate of change.
 
-    Each channel counts with unit variance. The weight keeps slow drift from winning; half-overlapping Hann windows of
-    an eighth of the record keep noise from it. Raises FitError when no channel moves.
+    Each channel counts with unit variance. The rate of change keeps slow drift from winning; half-overlapping Hann
+    windows of an eighth of the record keep noise from it; gaps are bridged by straight lines. Raises FitError when no
+    channel moves.
     """
     length = max((len(p) for p in pieces), default=0)
     size = min(length, max(64, length // 8))
     total = np.zeros(size // 2 + 1)
     taper = np.hanning(size)
     for piece in pieces:
-        for column in piece.T:
+        for column in map(_bridged, piece.T):
             for start in range(0, len(column) - size + 1, max(1, size // 2)):
                 block = column[start : start + size]
                 spread = np.std(block)
-                if np.isfinite(block).all() and spread > 0:
+                if spread > 0:
                     total += np.abs(np.fft.rfft(taper * (block - block.mean()) / spread)) ** 2
     frequency = np.fft.rfftfreq(size, sample_time)
     usable = (frequency > 2.0 / (size * sample_time)) & (frequency < 0.25 / sample_time)
     if not np.any(total[usable] > 0):
         raise FitError(
-            "no channel moves in the no-fault window, so no wave period can be found; check the mapping, "
-            "or give [detector] window, short_window, slow_window and adapt in s"
+            "no channel moves in the no-fault window, so no wave period can be found; check the mapping and the "
+            "window, or give [detector] peak_period in s"
         )
-    smooth = np.convolve(total, np.ones(3) / 3.0, mode="same") * frequency
+    smooth = np.convolve(total, np.ones(3) / 3.0, mode="same") * frequency**2
     return float(1.0 / frequency[usable][np.argmax(smooth[usable])])
+
+
+def _bridged(column: Array) -> Array:
+    """Return a channel with its gaps bridged by straight lines; all zero where nothing is finite."""
+    good = np.isfinite(column)
+    if not good.any():
+        return np.zeros_like(column)
+    at = np.arange(len(column))
+    return np.asarray(np.interp(at, at[good], column[good]))

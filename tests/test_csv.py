@@ -185,8 +185,8 @@ def test_lost_lines_are_counted_with_the_first(tmp_path: Path) -> None:
     body = "time,a,b\n0,1,2\n1,2\n\n2,3,4,5\n3,4,5\nnoon,5,6\n4,5,6\n5,6"
     log = everything(put(tmp_path, body))
     np.testing.assert_array_equal(log.signals["a"].time, [0, 3, 4])
-    assert check(log, "lines lost").value == 3
-    assert "first line 3: '1,2'" in check(log, "lines lost").detail
+    assert check(log, "rows left out").value == 3
+    assert "first line 3: '1,2'" in check(log, "rows left out").detail
     assert "first line 7: 'noon,5,6'" in check(log, "stamps unreadable").detail
 
 
@@ -267,7 +267,7 @@ def test_a_line_without_end_does_not_fill_the_memory(tmp_path: Path) -> None:
     body = b"time,a\n0,1\n1,2\n" + b"\0" * (9 << 20) + b"\n2,3\n3,4\n"
     log = everything(put(tmp_path, body))
     np.testing.assert_array_equal(log.signals["a"].time, [0, 1, 2, 3])
-    assert check(log, "lines lost").value == 1
+    assert check(log, "rows left out").value == 1
 
 
 def test_batches_are_bounded_and_join_to_the_whole(tmp_path: Path) -> None:

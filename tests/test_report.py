@@ -188,7 +188,11 @@ def test_terminal_text_is_short_and_leads_with_the_verdict(case: str) -> None:
 
 
 def test_summary_has_one_row_a_log() -> None:
-    rows = list(csv.DictReader(io.StringIO(report.summary_csv([build() for build in detections.ALL.values()]))))
+    rows = list(
+        csv.DictReader(
+            io.StringIO(report.summary_csv([report.summary_row(build()) for build in detections.ALL.values()]))
+        )
+    )
     assert [r["verdict"] for r in rows].count("fault_found") == 4
     assert rows[0]["subject"] == "line_4"
     assert rows[2]["kind"] == ""

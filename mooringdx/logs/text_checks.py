@@ -18,12 +18,12 @@ def checks_of(path: Path, tally: Tally, skipped: Sequence[str]) -> list[Check]:
         found.append(Check("file damaged", path.name, False, detail, remedy="copy the file again from its origin"))
     if tally.ragged and tally.ragged_first:
         line, text = tally.ragged_first
-        detail = f"{tally.ragged} lines have another number of columns and were left out, first line {line}: '{text}'"
+        detail = f"{tally.ragged} rows with another number of columns were left out, first line {line}: '{text}'"
         remedy = "see these lines; the samples are missing, not filled"
-        found.append(Check("lines lost", path.name, False, detail, float(tally.ragged), 0.0, "lines", remedy))
+        found.append(Check("rows left out", path.name, False, detail, float(tally.ragged), 0.0, "lines", remedy))
     if tally.late and tally.late_first:
         line, text = tally.late_first
-        detail = f"{tally.late} lines have no readable time and were left out, first line {line}: '{text}'"
+        detail = f"{tally.late} rows without a readable time were left out, first line {line}: '{text}'"
         remedy = "see these lines; check [log] time if there are many"
         found.append(Check("stamps unreadable", path.name, False, detail, float(tally.late), 0.0, "lines", remedy))
     if tally.unreadable:

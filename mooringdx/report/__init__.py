@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mooringdx.report.record import as_json, events_csv, summary_csv, text
+from mooringdx.report.record import as_json, events_csv, summary_csv, summary_row, text
 from mooringdx.types import Detection
 
-__all__ = ["as_json", "events_csv", "html", "render", "summary_csv", "text", "write"]
+__all__ = ["as_json", "events_csv", "html", "render", "summary_csv", "summary_row", "text", "write"]
 
 
 def render(detection: Detection) -> dict[str, bytes]:

@@ -92,7 +92,7 @@ def context(detection: Detection, drawn: Sequence[Picture]) -> dict[str, Any]:
         "shown": shown,
         "panels": (panels[:OPEN_PANELS], panels[OPEN_PANELS:]),
         "thresholds": thresholds(detection),
-        "choice": table(detection.choice),
+        "choice": table(candidates(detection.choice)),
         "checks": sorted(detection.checks, key=lambda c: c.passed),
         "identity": identity(detection),
         "provenance": list(flat(encode(dict(detection.provenance)))),
@@ -178,6 +178,18 @@ def thresholds(detection: Detection) -> list[dict[str, str]]:
             "Verdict": t.verdict.upper() if t.verdict != "supported" else t.verdict,
         }
         for t in detection.thresholds
+    ]
+
+
+def candidates(choice: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the whitening candidates as a table: one row a fault with its smallest size, one column a candidate."""
+    if not choice or not isinstance(choice[0].get("smallest"), Mapping):
+        return [dict(row) for row in choice]
+    names = [f"{row['whitening']} (taken)" if row.get("taken") else str(row["whitening"]) for row in choice]
+    faults = list(choice[0]["smallest"])
+    return [
+        {"fault": fault, **{n: row["smallest"].get(fault) for n, row in zip(names, choice, strict=True)}}
+        for fault in faults
     ]
 
 

@@ -107,27 +107,30 @@ def _listed(value: Any) -> Iterable[Any]:
     return () if value is None else [value] if isinstance(value, str) else list(value)
 
 
-def summary_csv(found: Sequence[Detection]) -> str:
-    """Return summary.csv: one row a log, with its gravest event (the first of equals)."""
-    rows = []
-    for d in found:
-        body = as_json(d)
-        order = {id(e): i for i, e in enumerate(d.events)}
-        lead: dict[str, Any] = body["events"][order[id(wording.ranked(d.events)[0])]] if d.events else {}
-        row = {key: lead.get(key) for key in ("kind", "subject", "mode", "onset", "onset_iso", "detected")}
-        row |= {
-            "name": d.name,
-            "verdict": d.verdict,
-            "events": len(d.events),
-            "probability": lead.get("probability"),
-            "rivals": "; ".join(f"{r['kind']} {r['subject']} {r['probability']:.3g}" for r in lead.get("rivals", ())),
-            "cannot_tell": lead.get("cannot_tell"),
-            "alarm_rate_verdict": d.alarm_rate.get("verdict"),
-            "failed_checks": sum(not c.passed for c in d.checks),
-            "sha256": d.channels.source.sha256,
-        }
-        rows.append(row)
+def summary_csv(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return summary.csv from the rows of `summary_row`, one a log."""
     return _table(SUMMARY, rows)
+
+
+def summary_row(detection: Detection) -> dict[str, Any]:
+    """Return one log's row of summary.csv, with its gravest event (the first of equals)."""
+    body = as_json(detection)
+    order = {id(e): i for i, e in enumerate(detection.events)}
+    lead: dict[str, Any] = {}
+    if detection.events:
+        lead = body["events"][order[id(wording.ranked(detection.events)[0])]]
+    row = {key: lead.get(key) for key in ("kind", "subject", "mode", "onset", "onset_iso", "detected")}
+    return row | {
+        "name": detection.name,
+        "verdict": detection.verdict,
+        "events": len(detection.events),
+        "probability": lead.get("probability"),
+        "rivals": "; ".join(f"{r['kind']} {r['subject']} {r['probability']:.3g}" for r in lead.get("rivals", ())),
+        "cannot_tell": lead.get("cannot_tell"),
+        "alarm_rate_verdict": detection.alarm_rate.get("verdict"),
+        "failed_checks": sum(not c.passed for c in detection.checks),
+        "sha256": detection.channels.source.sha256,
+    }
 
 
 def _table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

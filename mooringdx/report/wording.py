@@ -54,7 +54,7 @@ GRAVITY = (
 )  # fmt: skip
 VERDICT_LONG = {
     "nothing_found": "Nothing was found",
-    "cannot_be_judged": "Less than half of the log has a valid sample: this log cannot be judged",
+    "cannot_be_judged": "Too much of the log gave no statistic, or its end did: it cannot be judged",
 }
 VERDICT = {
     "fault_found": "Fault found",
@@ -191,7 +191,7 @@ def headline(detection: Detection) -> str:
     """Return the verdict as one line: its word and the leading event."""
     word = VERDICT.get(detection.verdict, detection.verdict.replace("_", " "))
     events = ranked(detection.events)
-    if detection.verdict != "fault_found" or not events:
+    if not events:
         return word
     more = f" (and {len(events) - 1} more)" if len(events) > 1 else ""
     return f"{word}: {what(events[0])}{more}"

@@ -19,7 +19,7 @@ import numpy as np
 
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError, FitError
-from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions
+from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions, pooled
 from mooringdx.types import Array, Channels, Fault, Mask, Residuals, Signatures, locked
 
 _ROWS_PER_COLUMN = 20
@@ -60,12 +60,8 @@ class Learned:
         if len(set(inputs)) < 2:
             raise ConfigError("[residuals.learned] needs at least two channels, to predict one from the others")
         order = {c: i for i, c in enumerate(inputs)}
-        pooled = np.vstack([t.rows(inputs) for t in training])
-        if not len(pooled):
-            raise FitError(
-                f"no row of the no-fault window has all of {', '.join(inputs)}; leave out the channel with gaps"
-            )
-        mean, variance = pooled.mean(axis=0), pooled.var(axis=0)
+        rows = pooled(training, inputs)
+        mean, variance = rows.mean(axis=0), rows.var(axis=0)
         shape = (len(targets), len(inputs))
         weights, square = np.zeros((*shape, part.lags + 1)), np.zeros(shape)
         constant, explained = np.zeros(shape[0]), np.zeros(shape[0])

@@ -23,7 +23,7 @@ import numpy as np
 import mooringdx.channels as catalogue
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
-from mooringdx.residuals.training import SIGNATURE_ERROR, Training, known, line_tensions
+from mooringdx.residuals.training import SIGNATURE_ERROR, Training, known, line_tensions, pooled
 from mooringdx.types import Channels, Fault, Residuals, Signatures
 
 _ALLOWED = "allowed: + - * / ** ( ), channels, 30 [N/m]"
@@ -97,7 +97,7 @@ class Parity:
         known(used, first, "[residuals.parity]")
         si = {c: first.units[first.names.index(c)] for c in used}
         units = tuple(_unit(name, text, trees[name], si) for name, text in declared)
-        median = np.median(np.vstack([t.rows(used) for t in training]), axis=0)
+        median = np.median(pooled(training, used), axis=0)
         gradient = tuple(tuple(_derivative(trees[name], used, median)) for name, _ in declared)
         lines = tuple((line, t) for line, t in line_tensions(run.mooring, first).items() if t in used)
         return cls(declared, used, units, tuple(si[c] for c in used), gradient, lines, tuple(median.tolist()))

@@ -22,7 +22,7 @@ import numpy as np
 
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
-from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions
+from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions, pooled
 from mooringdx.types import Array, Channels, Fault, Residuals, Signatures, locked
 
 _BLOCKS = 60
@@ -50,7 +50,7 @@ class Position:
         known(axes, first, "[residuals.position]")
         units = tuple(first.units[first.names.index(c)] for c in axes)
         if part.neutral == "baseline":
-            neutral = np.median(np.vstack([t.rows(axes) for t in training]), axis=0)
+            neutral = np.median(pooled(training, axes), axis=0)
         else:
             neutral = np.asarray(part.neutral, dtype=np.float64)
         tensions = line_tensions(run.mooring, first)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mooringdx.config import MooringPart
-from mooringdx.errors import ConfigError
+from mooringdx.errors import ConfigError, FitError
 from mooringdx.registry import did_you_mean
 from mooringdx.types import Array, Channels
 
@@ -37,6 +37,16 @@ class Training:
         return np.vstack(blocks) if blocks else np.zeros((0, len(columns)))
 
 
+def pooled(training: Sequence[Training], names: Sequence[str]) -> Array:
+    """Return the no-fault rows of all logs, (m, len(names)); FitError when there is none."""
+    rows = np.vstack([t.rows(names) for t in training])
+    if not len(rows):
+        raise FitError(
+            f"no sample of the no-fault window has all of {', '.join(names)}; leave out the one that is missing there"
+        )
+    return rows
+
+
 def known(names: Iterable[str], channels: Channels, where: str) -> None:
     """Raise a ConfigError for the first name that is no channel of the log."""
     for name in names:
@@ -45,9 +55,14 @@ def known(names: Iterable[str], channels: Channels, where: str) -> None:
 
 
 def line_tensions(mooring: MooringPart, channels: Channels) -> dict[str, str]:
-    """Return {line: its tension channel} for the declared lines (line_4 and tension_4)."""
+    """Return {line: its tension channel}: line_4 and tension_4; every tension when no lines are declared."""
     found = {}
-    for line in mooring.lines:
+    every = ["line_" + c.removeprefix("tension_") for c in channels.names if c.startswith("tension_")]
+    for line in (*mooring.lines, *mooring.azimuth):
+        if line not in every:
+            missing = "tension_" + line.removeprefix("line_")
+            raise ConfigError(f"[mooring]: '{line}' has no channel '{missing}'{did_you_mean(line, every)}")
+    for line in mooring.lines or every:
         name = "tension_" + line.removeprefix("line_")
         if name in channels.names:
             found[line] = name

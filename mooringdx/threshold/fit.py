@@ -180,8 +180,9 @@ def judge(
     reach = 1.0 / (rate * samples * sample_time)
     if reach > REACH:
         return "extrapolated", (
-            f"one alarm in {reach:.0f} times the no-fault window is asked for; "
-            f"up to {REACH:.0f} times is supported by data"
+            f"one alarm in {reach:.0f} times the no-fault window is asked for, up to {REACH:.0f} times is supported by "
+            "data; the interval holds only if the tail goes on as fitted: by itself the record excludes no more than "
+            f"one alarm in {samples * sample_time / 180:.0f} min"
         )
     return "supported", ""
 
