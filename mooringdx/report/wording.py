@@ -35,6 +35,7 @@ MARKS = {
     "extrapolated_threshold": "extrapolated threshold: the level rests on a fitted tail, not on counted alarms",
     "outside_fitted_envelope": "outside the fitted envelope: the sea is rougher than the no-fault record",
     "poorly_explained": "poorly explained: no known cause fits these residuals well; take the name as a hint",
+    "while_another_stands": "found while another fault stood: its time is known to two windows only",
     "returned": "returned: the vessel came back to its watch circle",
 }
 RATE = {
