@@ -248,17 +248,20 @@ def _onset_scores(u, good, energy, first, last):  # type: ignore[no-untyped-def]
     return out
 
 
-def onset(u: Array, good: Mask, energy: float, first: int, last: int, latest: int) -> tuple[int, int, int]:
+def onset(
+    u: Array, good: Mask, energy: float, first: int, last: int, latest: int, roughness: float = 1.0
+) -> tuple[int, int, int]:
     """Return the most likely onset sample and its 95 % interval, searched in [first, latest] with data up to ``last``.
 
     Parameters
     ----------
     u : (n,), score G'Q^-1 (z - mu0) of the named fault. good : (n,), where it counts.
-    energy : G'Q^-1 G.
+    energy : G'Q^-1 G. roughness : variance of one sample of ``u`` over ``energy``; above 1 where neighbours are
+        correlated so that single samples scatter more than window means say, which widens the interval.
     """
     scores = _onset_scores(u, good, energy, first, last)[: latest - first + 1]
     best = int(np.argmax(scores))
-    near = np.flatnonzero(scores >= scores[best] - 1.92)
+    near = np.flatnonzero(scores >= scores[best] - 1.92 * max(1.0, roughness))
     return first + best, first + int(near[0]), first + int(near[-1])
 
 

@@ -85,6 +85,9 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     fault = signatures.faults[chosen.winner]
     size = _size(scene, alarm, first, chosen.winner, rows)
     kind, mode = _kind(scene, fault, chosen.winner, size, first, alarm)
+    if mode == "drift":  # a step's likelihood dates a slow onset late
+        low = max(0, low - 2 * window)
+        common["onset_interval"] = (grid.start + grid.sample_time * low, common["onset_interval"][1])
     if kind == "environment" and chosen.misfit > POOR_FIT:
         kind = "unknown"
     return Event(
@@ -245,7 +248,10 @@ def _onset_within(
     good = np.asarray(measured.valid[stretch][:, rows].all(axis=1), dtype=np.bool_)
     still = _reference(scene, alarm, rows)
     u = np.where(good, (np.nan_to_num(measured.values[stretch][:, rows]) - still) @ weight, 0.0)
-    found = decide.onset(u, good, float(weight @ direction), 0, at - first, alarm.start - first)
+    energy = float(weight @ direction)
+    before = u[: max(alarm.start - first - scene.fitted.timing.window, 0)]
+    roughness = float(np.var(before)) / energy if before.size > 8 else 1.0
+    found = decide.onset(u, good, energy, 0, at - first, alarm.start - first, roughness)
     return first + found[0], first + found[1], first + found[2]
 
 

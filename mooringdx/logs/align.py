@@ -23,6 +23,7 @@ from mooringdx.registry import did_you_mean
 from mooringdx.types import Array, Channels, Check, Defect, Grid, Mask, RawLog, Signal
 
 MOST_CELLS = 1_000_000_000
+MOST_FINER = 20.0
 IN_PHASE = 0.98
 SHORTEST_HOLD = 0.25
 
@@ -91,6 +92,12 @@ def common_grid(cleaned: Mapping[str, Cleaned], sample_time: float, log: RawLog)
             f"{log.source.path}: no usable sample in {', '.join(cleaned) or 'any signal'}; try `mooringdx inspect`"
         )
     first, last = min(a for a, _ in spans), max(b for _, b in spans)
+    finest = min((c.period for c in cleaned.values() if np.isfinite(c.period) and c.period > 0), default=sample_time)
+    if finest > MOST_FINER * sample_time:
+        raise LogError(
+            f"{log.source.path}: the log steps {finest:.4g} s but [clock] sample_time is {sample_time:g} s; check the "
+            f"unit of time in [log], or raise sample_time to about {finest:.4g}"
+        )
     if (last - first) / sample_time * len(cleaned) > MOST_CELLS:
         raise LogError(
             f"{log.source.path}: spans {last - first:.4g} s, at sample_time {sample_time:g} s too many samples; "

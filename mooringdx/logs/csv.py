@@ -32,6 +32,10 @@ _TIME_NAME = re.compile(
 _DATE_NAME = re.compile(r"(?i)(date|day|yyyy.*)")
 _EXAMPLES = 3
 
+LONG_STEP = 5.0
+"""s; a logger of a moored vessel that steps this far more likely counts in another unit."""
+SUSPICION = "unusually long"
+
 
 @dataclass(frozen=True)
 class TimeColumns:
@@ -303,7 +307,18 @@ def time_columns(path: Path, how: Layout, time: TimeSource) -> TimeColumns:
         raise LogError(f"{path}: column '{how.names[column]}' holds no time, e.g. '{cells[0]}'; set [log] time.column")
     unit = time.unit if "unit" in given and date is None else str(guess)
     told = "" if {"unit", "column"} <= given else f"column '{how.names[column]}' is read as time in {unit}"
+    if told and unit == "s" and header is None and "unit" not in given and _step(cells, how.decimal) >= LONG_STEP:
+        told += f"; its header states no unit, and a step of {_step(cells, how.decimal):g} s is {SUSPICION}"
     return TimeColumns(column, date, stamper(unit, time.zone, cells), told, ambiguous_order(cells))
+
+
+def _step(cells: Sequence[str], decimal: str) -> float:
+    """Return the median step of the first stamps, in their own unit; 0 where they are no numbers."""
+    try:
+        stamps = [float(_point(x) if decimal == "," else x) for x in cells if x.strip()]
+    except ValueError:
+        return 0.0
+    return float(np.median(np.diff(stamps))) if len(stamps) > 2 else 0.0
 
 
 def find(path: Path, names: Sequence[str], wanted: str) -> int:
@@ -415,7 +430,9 @@ def _time_checks(how: Layout, clock: TimeColumns) -> list[Check]:
     found = []
     name = how.names[clock.column]
     if clock.guessed:
-        found.append(Check("time column", name, True, clock.guessed))
+        sure = SUSPICION not in clock.guessed
+        remedy = "" if sure else f'if the logger counts ms, write [log] time = {{ column = "{name}", unit = "ms" }}'
+        found.append(Check("time column", name, sure, clock.guessed, remedy=remedy))
     s = clock.stamper
     if s.kind == "date" and not s.zoned and s.zone is None:
         remedy = "set [log] time.zone if the logger kept another"

@@ -23,7 +23,8 @@ X = "x, taken as north (in an east-north-up log x is east)"
 Y = "y, taken as east (in an east-north-up log y is north)"
 Z = "z, taken as down (in an east-north-up log z is up)"
 RULES: tuple[tuple[str, str, str], ...] = (
-    (r"(?:mooring_)?(?:line_)?(?:(?:fairlead_)?tension|ten|fair_?ten|load_?cell)s?_(\w+)", "tension_\\1", "tension"),
+    (r"(?:mooring_)?(?:line_)?(?:(?:fairlead_)?tension|ten|fair_?ten)s?_(\w+)", "tension_\\1", "tension"),
+    (r"(?:load_?cell|lc|last|kraft|zug)s?_(\w+)", "tension_\\1", "load cell"),
     (r"(?:mooring_|mooring_line_|line_)(\d+)(?:_tension|_load|_force|_ten)?", "tension_\\1", "numbered line"),
     (r"(?:t|f_?line|ml|l)_(\d+)", "tension_\\1", "numbered tension"),
     (r"(?:line_length|length_line|line_len|l_line|payout)_(\w+)", "line_length_\\1", "line length"),
@@ -33,7 +34,7 @@ RULES: tuple[tuple[str, str, str], ...] = (
     (r"(?:pose_)*(?:pos_|position_)?x(?:_pos|_position)?", "north", X),
     (r"(?:pose_)*(?:pos_|position_)?y(?:_pos|_position)?", "east", Y),
     (r"(?:pose_)*(?:pos_|position_)?z(?:_pos|_position)?", "down", Z),
-    (r"(?:heading|hdg|hdt|head|psi|true_heading|gyro)", "heading", "heading"),
+    (r"(?:heading|hdg|hdt|head|psi|true_heading|gyro|kurs|course)", "heading", "heading"),
     (r"(?:roll|phi)(?:_angle)?", "roll", "roll"),
     (r"(?:pitch|theta)(?:_angle)?", "pitch", "pitch"),
     (r"yaw(?:_angle)?", "yaw", "yaw"),

@@ -92,7 +92,7 @@ def _log(path: Path, rows: Sequence[SurveyRow], out: Path | None) -> str:
     if not any(r.topic for r in rows):
         time = (
             "# time is found by itself; name it where that is wrong, for example\n"
-            '# time = { column = "time", unit = "s" }     # or "iso8601", "epoch_s", "epoch_ms"'
+            '# time = { column = "time", unit = "s" }     # or "ms", "min", "h", "iso8601", "epoch_s", "epoch_ms"'
         )
     return f"""# A starter for {path.name}, guessed from its names, units and rates. Check every line marked "guess".
 
@@ -157,7 +157,7 @@ def _mooring(used: Mapping[str, Choice], model_free: bool) -> str:
     if lines:
         text += f"lines = {json.dumps(lines, ensure_ascii=False)}   # guess: one line a tension"
     else:
-        text += "# lines = []   # no tension is logged; name the lines where their number is known"
+        text += '# lines = ["line_1"]   # default: one line for every channel tension_<line>'
     example = lines[0] if lines else "line_1"
     return (
         text
@@ -171,6 +171,7 @@ def _residuals(used: Mapping[str, Choice]) -> str:
         kinds.append("position")
     return f"""[residuals]
 use = {json.dumps(kinds)}   # learned: each channel predicted from the others; position: offset from the neutral place
+# add "position" once north and east are named
 # parity = {{ r1 = "tension_SB + tension_PS" }}   # with use = ["parity"]: a relation you know beats one that is learned
 
 # [residuals.learned]
