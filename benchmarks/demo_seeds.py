@@ -95,7 +95,7 @@ def main() -> None:
         )
     for name, hits in right.items():
         share(name, hits)
-    for rate in ("1/hour", "1/month"):
+    for rate in ("1/hour", "1/day", "1/month"):
         healthy(run, base, seeds, options.healthy_hours, rate)
 
 
