@@ -138,3 +138,25 @@ def test_a_folder_with_strangers_is_left_alone(place: Path, tmp_path: Path) -> N
 
 def test_doctor_finds_the_installation_sound() -> None:
     assert call("doctor").exit_code == 0
+
+
+def test_a_new_fit_leaves_no_result_of_an_old_one(place: Path) -> None:
+    out = place / "fresh"
+    assert call("run", place / "run.toml", "-o", out).exit_code == 3
+    assert call("fit", place / "run.toml", "-o", out).exit_code == 0
+    assert {p.name for p in out.iterdir()} == {"run.json", "baseline.json"}
+    assert call("report", out).exit_code == 2
+    assert call("detect", out).exit_code == 3  # its own log, found from any folder
+    assert call("report", out).exit_code == 0
+
+
+def test_one_bad_log_among_several_is_a_row_and_the_batch_goes_on(place: Path) -> None:
+    out = place / "batch"
+    assert call("fit", place / "run.toml", "-o", out).exit_code == 0
+    (place / "2025.03.14.csv").write_bytes((place / "tank.csv").read_bytes())
+    (place / "2025.03.15.csv").write_text("not;a;log\n1;2;3\n")
+    result = call("detect", out, place / "2025.03.14.csv", place / "2025.03.15.csv", place / "tank.csv")
+    assert result.exit_code == 2
+    rows = (out / "summary.csv").read_text().splitlines()
+    assert [row.split(",")[1] for row in rows[1:]] == ["fault_found", "failed", "fault_found"]
+    assert {p.name for p in (out / "logs").iterdir()} == {"2025.03.14", "tank"}

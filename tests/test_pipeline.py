@@ -173,3 +173,63 @@ def test_extrapolate_accepts_the_short_window_and_marks_it(log: RawLog, run: Run
     events = detect(prepare(log, short), found, name="x").events
     assert all("extrapolated_threshold" in e.marks for e in events)
     assert any(e.subject == "line_4" for e in events)
+
+
+def with_values(log: RawLog, changes: dict[str, tuple[float, float | None]]) -> RawLog:
+    """Return the log with channels set to a value (or cut off: None) from a time on."""
+    signals = dict(log.signals)
+    for name, (start, value) in changes.items():
+        s = signals[name]
+        if value is None:
+            keep = s.time < start
+            signals[name] = Signal(name, s.time[keep], s.values[keep], s.unit, s.source)
+        else:
+            signals[name] = Signal(name, s.time, np.where(s.time >= start, value, s.values), s.unit, s.source)
+    return replace(log, signals=signals)
+
+
+def test_a_line_that_parts_while_a_gauge_stands_in_alarm_is_found(
+    log: RawLog, baseline: Baseline, run: RunConfig
+) -> None:
+    """The gauge of line 2 goes to a wrong value 60 s before line 4 parts: two events, the right ones, no more."""
+    rng = np.random.default_rng(4)
+    s = log.signals["tension_2"]
+    wrong = np.where(s.time >= 1265.0, s.values + 1.0 + 0.01 * rng.standard_normal(s.time.size), s.values)
+    signals = {**log.signals, "tension_2": Signal("tension_2", s.time, wrong, s.unit, s.source)}
+    found = detect(prepare(replace(log, signals=signals), run), baseline, name="two")
+    assert [(e.kind, e.subject) for e in found.events] == [("sensor_fault", "tension_2"), ("line_lost", "line_4")]
+    second = found.events[1]
+    assert second.onset_interval[0] <= 1320.0 <= second.onset_interval[1]
+    assert "while_another_stands" in second.marks
+
+
+def test_blind_is_not_quiet(log: RawLog, baseline: Baseline, run: RunConfig) -> None:
+    """Without position nothing is judged from 1300 s on: the verdict may not be that nothing was found."""
+    blind = with_values(log, {"north": (1300.0, None), "east": (1300.0, None), "heading": (1300.0, None)})
+    found = detect(prepare(blind, run), baseline, name="blind")
+    assert found.verdict == "cannot_be_judged"
+    assert any(c.name == "watched to the end" and not c.passed for c in found.checks)
+
+
+def test_a_window_past_the_log_and_a_line_without_its_channel_are_refused(log: RawLog, run: RunConfig) -> None:
+    channels = [prepare(log, run)]
+    with pytest.raises(ConfigError, match="reaches past the log"):
+        fit(channels, changed(run, baseline={"window": [60.0, 9000.0]}))
+    with pytest.raises(ConfigError, match="'line_9' has no channel 'tension_9'"):
+        fit(channels, changed(run, mooring={"lines": ["line_4", "line_9"]}))
+
+
+def test_every_tension_is_a_line_when_none_is_declared(log: RawLog, run: RunConfig, truth: dict[str, object]) -> None:
+    bare = changed(run, mooring={"lines": [], "azimuth": {}}, whitening={"order": "none"})
+    (event,) = detect(prepare(log, bare), fit([prepare(log, bare)], bare), name="bare").events
+    assert (event.kind, event.subject) == ("line_lost", truth["subject"])
+
+
+@pytest.mark.parametrize("kind", ["cusum", "glrt_unknown"])
+def test_the_other_detectors_name_the_line_too(
+    kind: str, log: RawLog, run: RunConfig, truth: dict[str, object]
+) -> None:
+    other = changed(run, detector={"kind": kind}, whitening={"order": "none"})
+    (event,) = detect(prepare(log, other), fit([prepare(log, other)], other), name=kind).events
+    assert (event.kind, event.subject) == ("line_lost", truth["subject"])
+    assert abs(event.onset - float(str(truth["onset"]))) < 5.0

@@ -73,3 +73,8 @@ def test_missing_and_damaged_files_say_which_command_makes_them(tmp_path: Path) 
     (tmp_path / "detection.json").write_text('{"a": ')
     with pytest.raises(ReportError, match="damaged"):
         results.read_json(tmp_path / "detection.json")
+
+
+def test_logs_of_one_name_get_folders_of_their_own() -> None:
+    paths = [Path("a/log.csv"), Path("b/log.csv.gz"), Path("2025.03.14.csv"), Path("2025.03.15.mcap")]
+    assert results.log_names(paths) == ["log", "log_2", "2025.03.14", "2025.03.15"]
