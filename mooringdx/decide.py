@@ -170,6 +170,23 @@ def weigh(mean: Array, count: int, signatures: Signatures, covariance: Array) ->
     return scores, misfits
 
 
+def level_alike(scores: Array, mean: Array, signatures: Signatures, covariance: Array) -> Array:
+    """Return the scores with faults that move these residuals in one direction made equal: one class, no winner in it.
+
+    Without this the one whose signature is known more exactly would win by that alone. A fault that admits only the
+    other sign of the size is no member.
+    """
+    out = scores.copy()
+    rows = np.arange(len(signatures.residuals))
+    side = np.sign(signatures.matrix @ np.linalg.solve(covariance, mean))
+    for a in range(len(scores)):
+        for b in range(len(scores)):
+            fits = signatures.sign[b] * side[b] >= 0 and signatures.sign[a] * side[a] >= 0
+            if a != b and fits and alike(signatures, a, b, rows):
+                out[a] = max(out[a], scores[b])
+    return out
+
+
 def estimate(mean: Array, count: int, direction: Array, error: Array, covariance: Array) -> tuple[float, Array]:
     """Return the best size of one fault and the covariance of the mean around it, its signature's error included."""
     spread = covariance / count

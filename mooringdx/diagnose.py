@@ -157,7 +157,7 @@ def _against(
     right = (energy > 0) & (score * known.sign >= 0)
     peak = float(np.max(np.where(right, score**2 / np.where(energy > 0, 2.0 * energy, 1.0), 0.0)))
     scores, misfit = decide.weigh(change, count, known, spread * count)
-    chosen = decide.name(scores)
+    chosen = decide.name(decide.level_alike(scores, change, known, spread))
     return (None if chosen is None else replace(chosen, misfit=float(misfit[chosen.winner]))), peak, rows
 
 
@@ -218,10 +218,8 @@ def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> decide
     mean = measured.values[look][good][:, rows].mean(axis=0) - _reference(scene, alarm, rows)
     covariance = np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
     known = decide.part(signatures, rows)
-    if len(rows) == 1:  # one number cannot rank causes: all that move it are level
-        known = replace(known, error=np.zeros_like(known.error))
     scores, misfit = decide.weigh(mean, int(good.sum()), known, covariance)
-    chosen = decide.name(scores)
+    chosen = decide.name(decide.level_alike(scores, mean, known, covariance))
     return None if chosen is None else replace(chosen, misfit=float(misfit[chosen.winner]))
 
 

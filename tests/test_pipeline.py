@@ -233,3 +233,20 @@ def test_the_other_detectors_name_the_line_too(
     (event,) = detect(prepare(log, other), fit([prepare(log, other)], other), name=kind).events
     assert (event.kind, event.subject) == ("line_lost", truth["subject"])
     assert abs(event.onset - float(str(truth["onset"]))) < 5.0
+
+
+def test_a_line_and_its_gauge_are_one_class_without_motion(log: RawLog, run: RunConfig) -> None:
+    """Learned residuals alone see a parted line and its dead gauge alike: both are named, with what would tell them."""
+    alone = changed(run, residuals={"use": ["learned"]}, whitening={"order": "none"})
+    rng = np.random.default_rng(8)
+    s = log.signals["tension_4"]
+    dead = np.where(s.time >= 1265.0, 0.02 * rng.standard_normal(s.time.size), s.values)
+    signals = {n: Signal(n, x.time[:13100], x.values[:13100], x.unit, x.source) for n, x in log.signals.items()}
+    signals["tension_4"] = Signal("tension_4", s.time[:13100], dead[:13100], s.unit, s.source)
+    baseline = fit([prepare(log, alone)], alone)
+    (event,) = detect(prepare(replace(log, signals=signals), alone), baseline, name="dead").events
+    named = {(event.kind, event.subject), *((r.kind, r.subject) for r in event.rivals)}
+    assert {("sensor_fault", "tension_4"), ("line_lost", "line_4")} <= named
+    assert event.probability == pytest.approx(0.5, abs=0.01)
+    assert event.cannot_tell is not None
+    assert "position" in event.cannot_tell
