@@ -134,11 +134,11 @@ class Baseline:
         for row in self.choice[:1]:
             if not row["smallest"]:
                 return "\n".join([*lines, f"whitening: {row['whitening']}", *self._levels()])
-        lines.append("smallest fault found in 95 % at the asked rate and named alone one window later:")
+        lines.append("smallest fault found in 95 % at the asked rate (in brackets: named alone one window later):")
         head = [("* " if row["taken"] else "") + row["whitening"] for row in self.choice]
-        lines.append(" " * 48 + "".join(f"{h:>20s}" for h in head))
+        lines.append(" " * 48 + "".join(f"{h:>24s}" for h in head))
         for fault in self.choice[0]["smallest"]:
-            lines.append(f"  {fault:46s}" + "".join(f"{row['smallest'][fault]:>20s}" for row in self.choice))
+            lines.append(f"  {fault:46s}" + "".join(f"{row['smallest'][fault]:>24s}" for row in self.choice))
         return "\n".join([*lines, *self._levels()])
 
     def _levels(self) -> list[str]:
@@ -264,9 +264,14 @@ def _trial(
     thresholds = tuple(
         _level(d, held[d.branch], run, timing, shares[d.branch], ratio, dof[d.branch]) for d in chain.designs
     )
-    main, found = thresholds[0], _smallest(chain.designs[0], thresholds[0], measured[0].signatures, raw, timing)
+    main = thresholds[0]
+    seen, alone = _smallest(chain.designs[0], main, measured[0].signatures, raw, timing)
+    found = np.where(np.isfinite(alone), np.maximum(seen, alone), seen)
     signatures = measured[0].signatures
-    sizes = {f.label: f"{v:.3g} {u}" for f, v, u in zip(signatures.faults, found, signatures.units, strict=True)}
+    sizes = {
+        f.label: f"{a:.3g} ({b:.3g}) {u}" if np.isfinite(b) else f"{a:.3g} (never) {u}"
+        for f, a, b, u in zip(signatures.faults, seen, alone, signatures.units, strict=True)
+    }
     if run.detector.kind != "glrt":
         sizes = {}
     merit = float(np.mean(np.log(found))) if np.isfinite(found).all() else np.inf
@@ -275,13 +280,13 @@ def _trial(
 
 
 def _smallest(design: Design, main: Threshold, signatures: Signatures, raw: Moments, timing: Timing) -> Array:
-    """Return the smallest fault per direction, (f,): found by the chain, and named alone from the raw residuals."""
+    """Return the smallest fault per direction, (2, f): found by the chain, and named alone from the raw residuals."""
     f = len(signatures.faults)
     level, scale = np.broadcast_to(main.level, (f,)), np.broadcast_to(main.scale, (f,))
     found = smallest_fault(design.directions, design.sign, design.covariance, design.window, level, scale).found
     window = (np.asarray(raw.covariance), timing.window)
     named = smallest_fault(np.asarray(signatures.matrix), np.asarray(signatures.sign), *window, level, np.ones(f)).named
-    return np.where(np.isfinite(named), np.maximum(found, named), found)
+    return np.array([found, named])
 
 
 def _level(

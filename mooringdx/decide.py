@@ -48,7 +48,7 @@ def peak_ratio(statistic: Statistic, threshold: Threshold) -> Array:
 
 
 @njit(cache=True)
-def _peak_ratio(values, level):  # type: ignore[no-untyped-def]
+def _peak_ratio(values: Array, level: Array) -> Array:
     out = np.full(values.shape[0], np.nan)
     for k in range(values.shape[0]):
         for j in range(values.shape[1]):
@@ -59,7 +59,7 @@ def _peak_ratio(values, level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _alarm_bounds(ratio, hysteresis, hold, least):  # type: ignore[no-untyped-def]
+def _alarm_bounds(ratio: Array, hysteresis: float, hold: int, least: int) -> NDArray[np.int64]:
     """Return (m, 2) samples; a stop of -1 means still standing. NaN neither raises nor clears."""
     out = []
     start, low, last_high = -1, 0, -1
@@ -252,7 +252,7 @@ def remedy(best: Fault, twins: Sequence[Fault]) -> str:
 
 
 @njit(cache=True)
-def _onset_scores(u, good, energy, first, last):  # type: ignore[no-untyped-def]
+def _onset_scores(u: Array, good: Mask, energy: float, first: int, last: int) -> Array:
     """Return the log-likelihood of an onset at each sample of [first, last], for data up to ``last``."""
     out = np.full(last - first + 1, -np.inf)
     total, count = 0.0, 0
