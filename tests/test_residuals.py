@@ -82,6 +82,7 @@ def test_parity_constant_in_another_unit_is_converted_once() -> None:
         ("tension_1 + sway", "give constants a unit"),
         ("tension_1 + tension_9", "unknown channel 'tension_9'; did you mean 'tension_1'"),
         ("tension_1 +", "cannot be read"),
+        ("tension_1 + 'x' [N]", "is not allowed in a parity relation"),
         ("max(tension_1, sway)", "is not allowed in a parity relation"),
     ],
 )

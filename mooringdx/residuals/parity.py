@@ -49,7 +49,9 @@ def evaluate(node: ast.AST, names: Mapping[str, Any], number: Callable[[float, s
     if isinstance(node, ast.Name):
         return names[node.id]
     if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Constant):
-        return number(float(node.value.value), ast.unparse(node.slice).replace(" ", ""))  # type: ignore[arg-type]
+        value = node.value.value
+        if isinstance(value, (int, float)):
+            return number(float(value), ast.unparse(node.slice).replace(" ", ""))
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
         return number(float(node.value), "")
     raise ConfigError(f"'{ast.unparse(node)}' is not allowed in a parity relation; {_ALLOWED}")
