@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import sys
 import tomllib
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +18,10 @@ from mooringdx.registry import did_you_mean
 
 SECONDS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0, "week": 604800.0, "month": 2592000.0}
 SECONDS["year"] = 365.25 * 86400.0
+VESSELS = (
+    Path(__file__).resolve().parent.parent / "configs" / "vessels",  # a checkout
+    Path(sys.prefix) / "share" / "mooringdx" / "vessels",  # an installed wheel
+)
 
 
 def parse_rate(value: object) -> float:
@@ -175,17 +180,16 @@ class ClockPart(_Part):
 
 
 class MooringPart(_Part):
-    """[mooring]; ``azimuth``: deg true from the vessel towards each anchor, learned from the log when left out."""
+    """[mooring]; ``azimuth``: deg true from the vessel towards each anchor, learned from the log when left out.
+
+    ``model``: the content of the vessel file that ``vessel`` names; `load_run` puts it here, so that a baseline holds
+    all that it was learned with.
+    """
 
     vessel: str | None = None
+    model: dict[str, Any] = {}
     lines: list[str] = []
     azimuth: dict[str, float] = {}
-
-    @model_validator(mode="after")
-    def _no_vessel_yet(self) -> MooringPart:
-        if self.vessel is not None:
-            raise ValueError("vessel models are not part of this version; leave vessel out and name lines and azimuths")
-        return self
 
 
 class LearnedPart(_Part):
@@ -322,7 +326,36 @@ class RunConfig(_Part):
 
 def load_run(path: Path) -> RunConfig:
     """Read a run file; every fault in it is one ConfigError sentence with file, key, what is allowed."""
-    return validate(RunConfig, read_toml(path), path)
+    return validate(RunConfig, with_vessel(read_toml(path), path), path)
+
+
+def with_vessel(body: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return a run file's content with the vessel file that it names read into [mooring] model."""
+    mooring = body.get("mooring")
+    if not isinstance(mooring, dict) or not isinstance(mooring.get("vessel"), str) or mooring.get("model"):
+        return body
+    return {**body, "mooring": {**mooring, "model": read_toml(vessel_file(mooring["vessel"], path))}}
+
+
+def vessel_file(name: str, path: Path) -> Path:
+    """Return the file of a vessel: a path relative to the file ``path`` that names it, or a name in configs/vessels."""
+    beside = path.parent / name
+    if name.endswith(".toml") or beside.is_file():
+        if beside.is_file():
+            return beside
+        raise ConfigError(
+            f"{path}: no vessel file {beside}; give a path relative to this file, or a name: {_vessels()}"
+        )
+    for folder in VESSELS:
+        if (folder / f"{name}.toml").is_file():
+            return folder / f"{name}.toml"
+    raise ConfigError(
+        f"{path}: unknown vessel '{name}'{did_you_mean(name, _vessels())}; or give a path to a vessel file"
+    )
+
+
+def _vessels() -> list[str]:
+    return sorted({p.stem for folder in VESSELS for p in folder.glob("*.toml")})
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Observers: from measured motion to the states and forces behind it, one method a file."""
