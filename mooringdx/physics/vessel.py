@@ -98,7 +98,7 @@ class MooringModel(_Part):
     ``azimuth`` (deg true towards the anchor, with ``radius`` m from the fairlead at the neutral place) or ``anchors``
     (north, east, m). The origin of north and east is the neutral place of the turret; without one, that of the centre
     of gravity, with ``heading`` deg. ``turret``: m ahead of the centre of gravity, where all lines meet; or
-    ``fairleads``: forward, starboard, m, a line. ``friction``: of the seabed. ``parted``: N that hangs on after a break.
+    ``fairleads``: forward, starboard, m, a line. ``friction``: of the seabed. ``parted``: N left after a break.
     ``dynamic``: tension per fairlead speed away from the anchor, N s/m and N s2/m2.
     """
 
