@@ -183,11 +183,13 @@ class MooringPart(_Part):
     """[mooring]; ``azimuth``: deg true from the vessel towards each anchor, learned from the log when left out.
 
     ``model``: the content of the vessel file that ``vessel`` names; `load_run` puts it here, so that a baseline holds
-    all that it was learned with.
+    all that it was learned with. ``origin``: where the neutral place of the turret (of the centre of gravity, without
+    one) stands in the log's north and east, m.
     """
 
     vessel: str | None = None
     model: dict[str, Any] = {}
+    origin: tuple[float, float] = (0.0, 0.0)
     lines: list[str] = []
     azimuth: dict[str, float] = {}
 
@@ -210,6 +212,18 @@ class PositionPart(_Part):
     neutral: Literal["baseline"] | list[float] = "baseline"
 
 
+class TensionPart(_Part):
+    """[residuals.tension]: what is learned of the lines on the no-fault window beside their statics."""
+
+    calibrate: Literal["none", "offset", "linear", "dynamic"] = "linear"
+
+
+class ForceBalancePart(_Part):
+    """[residuals.force_balance]: s over which the force is averaged to tell a line from its sensor; auto: 20 peak periods."""
+
+    window: Annotated[float, Field(gt=0)] | Literal["auto"] = "auto"
+
+
 class ResidualPart(_Part):
     """[residuals]"""
 
@@ -217,6 +231,8 @@ class ResidualPart(_Part):
     parity: dict[str, str] = {}
     learned: LearnedPart = LearnedPart()
     position: PositionPart = PositionPart()
+    tension: TensionPart = TensionPart()
+    force_balance: ForceBalancePart = ForceBalancePart()
     faults: list[str] = []
 
 
@@ -241,7 +257,10 @@ class WhiteningPart(_Part):
 
 
 class DetectorPart(_Part):
-    """[detector]; times in s of log clock; auto scales with the peak period of the no-fault window."""
+    """[detector]; times in s of log clock; auto scales with the peak period of the no-fault window.
+
+    ``slow_drift``: N, sd of the slow drift that a healthy tension sensor may have: the slow channel looks past it.
+    """
 
     kind: str = "glrt"
     window: Positive | Literal["auto"] = "auto"
@@ -251,6 +270,7 @@ class DetectorPart(_Part):
     peak_period: Positive | Literal["auto"] = "auto"
     covariance_about: Literal["mean", "zero"] = "mean"
     design_size: Positive | None = None
+    slow_drift: Annotated[float, Field(ge=0)] = 0.0
 
 
 class AlarmPart(_Part):
