@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from mooringdx.errors import FitError
 from mooringdx.types import Array, locked, replace
 
 
@@ -80,6 +81,53 @@ class Mooring:
         h, t = np.array(self.horizontal), np.array(self.tension)
         h[row], t[row] = horizontal, tension
         return replace(self, horizontal=h, tension=t)
+
+
+def equilibrium(mooring: Mooring, load: Array, start: Array) -> Array:
+    """Return where the lines hold a constant ``load`` (3,), N, N, N m, earth axes: eta, (3,), found from ``start``.
+
+    A minimum of energy - load . eta, so it is stable; an axis that nothing holds or loads stays where it started.
+    Raise FitError when the lines cannot hold the load.
+    """
+    eta, load = np.array(start, dtype=np.float64), np.asarray(load, dtype=np.float64)
+    reach = float(np.mean(reaches(eta, mooring.fairleads, mooring.anchors)[0]))
+    lever = max(float(np.max(np.abs(mooring.fairleads), initial=0.0)), 1e-3 * reach)
+    unit = np.array([1.0, 1.0, 1.0 / lever])  # coordinates in m: the yaw's is an arc
+    limit = 0.02 * reach
+    enough = 1e-9 * float(
+        np.linalg.norm(unit * load) + np.sum(mooring.pulls(eta)[0]) + np.max(mooring.horizontal[:, 0])
+    )
+    for _ in range(300):
+        slope = -unit * (mooring.force(eta) + load)
+        if np.linalg.norm(slope) <= enough:
+            return eta
+        curved, axes = np.linalg.eigh(_symmetric(unit[:, None] * mooring.stiffness(eta) * unit))
+        along = axes.T @ slope
+        size = np.maximum(np.abs(curved), 1e-9 * np.max(np.abs(curved)) + 1e-300)
+        step = -axes @ (along / size)
+        step *= min(1.0, limit / float(np.max(np.abs(step))))
+        eta = _descended(mooring, load, eta, unit * step, unit)
+    raise FitError(
+        f"the lines cannot hold a load of {load[0]:.4g} N north, {load[1]:.4g} N east and {load[2]:.4g} N m from the "
+        "start that was given; lower the load, or leave more lines"
+    )
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _descended(mooring: Mooring, load: Array, eta: Array, step: Array, unit: Array) -> Array:
+    """Return ``eta`` after the longest halved step that lowers the energy or the force that is left over."""
+    height = mooring.energy(eta) - float(load @ eta)
+    left = float(np.linalg.norm(unit * (mooring.force(eta) + load)))
+    for _ in range(40):
+        trial = eta + step
+        lower = mooring.energy(trial) - float(load @ trial) < height
+        if lower or np.linalg.norm(unit * (mooring.force(trial) + load)) < left:
+            break
+        step = step / 2.0
+    return np.asarray(eta + step)
 
 
 @njit(cache=True)
