@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from mooringdx import __version__, residuals
+from mooringdx import __version__, cause, residuals
+from mooringdx.cause import Testimony
 from mooringdx.chain import SHARES, Chain, Pieces, cut, fit_chain, held_back, segments
 from mooringdx.checks import agitation, drift_check, whiteness_check
 from mooringdx.config import RunConfig, rate_text
@@ -29,6 +30,8 @@ from mooringdx.types import Array, Channels, Check, Residuals, Signatures, Thres
 from mooringdx.whiten.whitener import KINDS, Kind, Whitener
 
 _KEPT = 4000
+WITNESS_WINDOWS = 2
+"""Detector windows over which the balance of forces is averaged, before and after: 20 peak periods."""
 SHORT_GUARD = 3.0
 """On the short branch's level: it is there for faults of tens of sd, and the tail of a few uncompressed samples is
 heavier than a short record shows (measured: at the fitted level it raised nearly all false alarms of the demo's sea).
@@ -49,7 +52,8 @@ class Fitted:
     """The fitted walk from channels to levels.
 
     ``level``: (k, c), a thinned sample of the no-fault channels, to judge how a sensor is wrong; ``agitation``: (c,) sd
-    of increments, the sea of the no-fault record.
+    of increments, the sea of the no-fault record. ``testimony``: what tells a line from its sensor, where a vessel is
+    known and the record long enough.
     """
 
     timing: Timing
@@ -59,6 +63,7 @@ class Fitted:
     thresholds: tuple[Threshold, ...]
     level: Array
     agitation: Array
+    testimony: Testimony | None = None
 
 
 @dataclass(frozen=True)
@@ -201,6 +206,7 @@ def learn(
         thresholds=taken.thresholds,
         level=rows[:: max(1, len(rows) // _KEPT)],
         agitation=np.max([agitation(t.channels.values[piece]) for t in training for piece in t.pieces], axis=0),
+        testimony=_testimony(training, stack, timing, run),
     )
     return Baseline(
         run=run.model_dump(mode="json"),
@@ -211,6 +217,21 @@ def learn(
         verdict=main.verdict,
         reason=main.reason,
     )
+
+
+def _testimony(
+    training: Sequence[Training], stack: residuals.Stack, timing: Timing, run: RunConfig
+) -> Testimony | None:
+    """Learn how much the balance of forces changes by itself; None without a vessel."""
+    if stack.witness is None:
+        return None
+    asked = run.residuals.force_balance.window
+    window = WITNESS_WINDOWS * timing.window if asked == "auto" else max(2, round(asked / timing.sample_time))
+    stretches = []
+    for t in training:
+        forces = stack.witness(t.channels)
+        stretches += [(forces.values[piece], forces.valid[piece]) for piece in t.pieces]
+    return cause.learn(stretches, window, timing.window)
 
 
 def prefer(merits: Sequence[float]) -> int:
@@ -411,4 +432,5 @@ def _fitted(body: Mapping[str, Any]) -> Fitted:
         thresholds=decode(tuple[Threshold, ...], body["thresholds"]),
         level=np.array(body["level"], dtype=np.float64),
         agitation=np.array(body["agitation"], dtype=np.float64),
+        testimony=decode(Testimony | None, body["testimony"]),
     )

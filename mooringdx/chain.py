@@ -26,7 +26,7 @@ from mooringdx.registry import resolve
 from mooringdx.results import decode, encode
 from mooringdx.threshold import folds
 from mooringdx.timing import Timing
-from mooringdx.types import Array, Grid, Mask, Residuals, Statistic, Threshold, Whitened, replace
+from mooringdx.types import Array, Fault, Grid, Mask, Residuals, Signatures, Statistic, Threshold, Whitened, replace
 from mooringdx.whiten import Whitener, fit_whitener
 from mooringdx.whiten.arma import Order
 from mooringdx.whiten.whitener import Kind
@@ -113,7 +113,7 @@ def fit_chain(
         designs.append(_design("short", plain, pieces, timing.short, timing.memory, about))
     if timing.slow:
         slow = _design("slow", plain, pieces, timing.window, 0, about)
-        designs.append(replace(slow, window=timing.slow))
+        designs.append(drifting(replace(slow, window=timing.slow), plain[0].signatures, run.detector.slow_drift))
     return Chain(whitener, run.detector.kind, tuple(designs), run.detector.design_size)
 
 
@@ -126,6 +126,22 @@ def _design(
     mean = np.zeros(good.shape[1]) if about == "zero" else good.mean(axis=0)
     reference = Reference(mean, good.std(axis=0), float(memory) if memory else None, 2 * window)
     return Design.of(z[0].signatures, covariance, window, reference, None, branch)
+
+
+def drifting(design: Design, signatures: Signatures, drift: float) -> Design:
+    """Return a design that allows every healthy tension sensor a slow drift of sd ``drift``, N.
+
+    The mean over W samples then has covariance Q/W + drift^2 sum_i g_i g_i', g_i the direction of a biased sensor i.
+    """
+    rows = [i for i, f in enumerate(signatures.faults) if _biased_tension(f) and signatures.units[i] == "N"]
+    if not drift or not rows:
+        return design
+    moves = np.asarray(signatures.matrix)[rows]
+    return replace(design, covariance=design.covariance + design.window * drift**2 * moves.T @ moves)
+
+
+def _biased_tension(fault: Fault) -> bool:
+    return fault.kind == "sensor_fault" and fault.subject.startswith("tension_")
 
 
 def segments(z: Sequence[Whitened], pieces: Pieces) -> list[tuple[Array, Mask]]:

@@ -219,7 +219,7 @@ class TensionPart(_Part):
 
 
 class ForceBalancePart(_Part):
-    """[residuals.force_balance]: s over which the force is averaged to tell a line from its sensor; auto: 20 peak periods."""
+    """[residuals.force_balance]: s over which forces are averaged to tell a line from its sensor."""
 
     window: Annotated[float, Field(gt=0)] | Literal["auto"] = "auto"
 

@@ -20,6 +20,7 @@ from mooringdx.baseline import Fitted
 from mooringdx.chain import Walk
 from mooringdx.checks import LEAST_JUDGED, SEA, agitation
 from mooringdx.config import RunConfig
+from mooringdx.testify import Hearing, applied, tell
 from mooringdx.types import Array, Channels, Defect, Event, Fault, Posterior, Residuals, Statistic, replace
 
 FAULTS = ("line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost")
@@ -39,6 +40,7 @@ class Scene:
     fitted: Fitted
     run: RunConfig
     verdict: str
+    forces: Residuals | None = None
 
 
 def find(scene: Scene) -> tuple[Event, ...]:
@@ -90,7 +92,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         common["onset_interval"] = (grid.start + grid.sample_time * low, common["onset_interval"][1])
     if kind == "environment" and chosen.misfit > POOR_FIT:
         kind = "unknown"
-    return Event(
+    event = Event(
         kind=kind,
         subject=fault.subject,
         mode=mode,
@@ -103,6 +105,23 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         marks=(*marks, "poorly_explained") if chosen.misfit > POOR_FIT else marks,
         **common,
     )
+    return _testified(scene, alarm, event, chosen, (first, low, high), rows)
+
+
+def _testified(
+    scene: Scene, alarm: decide.Alarm, event: Event, chosen: decide.Name, onset: tuple[int, int, int], rows: Index
+) -> Event:
+    """Return the event with line and sensor told apart by the balance of forces, where a vessel is known."""
+    testimony = scene.fitted.testimony
+    if scene.forces is None or testimony is None:
+        return event
+    covariance = np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
+    end = _end(scene, alarm)
+    told = tell(Hearing(scene.residuals, scene.forces, testimony, covariance, rows, onset, end), chosen)
+    if told is None:
+        return event
+    grid = scene.channels.grid
+    return applied(event, told, scene.residuals.signatures, grid.start + grid.sample_time * told.at)
 
 
 def later(scene: Scene, alarm: decide.Alarm, first: Event) -> list[Event]:

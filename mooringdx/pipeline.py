@@ -74,13 +74,15 @@ def no_fault(channels: Channels, run: RunConfig) -> tuple[slice, ...]:
 def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = "") -> Detection:
     """Walk one log through the fitted chain and the position-only banks to events and a verdict."""
     run = baseline.config()
-    measured = walk = None
+    measured = walk = forces = None
     events: list[Event] = []
     checks = [*channels.checks, *baseline.checks]
     if baseline.fitted is not None:
         measured = baseline.fitted.stack(channels)
         walk = baseline.fitted.chain(measured)
-        events += find(Scene(channels, measured, walk, baseline.fitted, run, baseline.verdict))
+        witness = baseline.fitted.stack.witness
+        forces = witness(channels) if witness is not None else None
+        events += find(Scene(channels, measured, walk, baseline.fitted, run, baseline.verdict, forces))
         checks += run_checks(channels, baseline.fitted.agitation, judged(walk.statistics, (), channels))
         checks.append(watched_check(watched_until(walk.statistics, channels), channels))
     posteriors = []
@@ -120,4 +122,5 @@ def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = 
             "log_sha256": channels.source.sha256,
             "baseline_logs": [dict(w) for w in baseline.windows],
         },
+        forces=forces,
     )

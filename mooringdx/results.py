@@ -149,11 +149,13 @@ def read_json(path: Path) -> Any:
 
 def detection_files(detection: Detection) -> dict[str, bytes | memoryview]:
     """Return detection.json and stages.parquet."""
-    big = {"channels", "residuals", "whitened", "statistics", "posteriors"}
+    big = {"channels", "residuals", "forces", "whitened", "statistics", "posteriors"}
     head = {f.name: getattr(detection, f.name) for f in dataclasses.fields(detection) if f.name not in big}
     c, r, w = detection.channels, detection.residuals, detection.whitened
     head["channels"] = {f: getattr(c, f) for f in ("names", "units", "grid", "source", "checks", "defects")}
     head["residuals"] = r and {f: getattr(r, f) for f in ("names", "units", "signatures")}
+    b = detection.forces
+    head["forces"] = b and {f: getattr(b, f) for f in ("names", "units", "signatures")}
     head["whitened"] = w and {f: getattr(w, f) for f in ("names", "signatures", "kind")}
     head["statistics"] = [{"branch": s.branch, "labels": s.labels} for s in detection.statistics]
     head["posteriors"] = [{"bank": p.bank, "hypotheses": p.hypotheses} for p in detection.posteriors]
@@ -184,11 +186,13 @@ def load_detection(folder: Path) -> Detection:
     fields = {k: decode(shell[k], ch[k]) for k in ("names", "units", "grid", "source", "checks", "defects")}
     channels = Channels(values=values, valid=np.isfinite(values), **fields)
     grid = channels.grid
-    residuals = whitened = None
-    if head["residuals"]:
-        v = block("residual", head["residuals"]["names"])
-        names, units = tuple(head["residuals"]["names"]), tuple(head["residuals"]["units"])
-        residuals = Residuals(names, units, grid, v, np.isfinite(v), _signatures(head["residuals"]))
+    kept: dict[str, Residuals | None] = {"residuals": None, "forces": None}
+    for word, prefix in (("residuals", "residual"), ("forces", "force")):
+        if head[word]:
+            v = block(prefix, head[word]["names"])
+            names, units = tuple(head[word]["names"]), tuple(head[word]["units"])
+            kept[word] = Residuals(names, units, grid, v, np.isfinite(v), _signatures(head[word]))
+    whitened = None
     if head["whitened"]:
         v = block("whitened", head["whitened"]["names"])
         names = tuple(head["whitened"]["names"])
@@ -204,7 +208,7 @@ def load_detection(folder: Path) -> Detection:
         posteriors.append(Posterior(p["bank"], tuple(p["hypotheses"]), grid.time[rows], v[rows]))
     built: dict[str, Any] = {
         "channels": channels,
-        "residuals": residuals,
+        **kept,
         "whitened": whitened,
         "statistics": statistics,
         "posteriors": tuple(posteriors),
@@ -234,6 +238,8 @@ def _stages(detection: Detection) -> memoryview:
     put("channel", detection.channels.names, detection.channels.values, detection.channels.valid)
     if detection.residuals is not None:
         put("residual", detection.residuals.names, detection.residuals.values, detection.residuals.valid)
+    if detection.forces is not None:
+        put("force", detection.forces.names, detection.forces.values, detection.forces.valid)
     if detection.whitened is not None:
         put("whitened", detection.whitened.names, detection.whitened.values, detection.whitened.valid)
     for s in detection.statistics:

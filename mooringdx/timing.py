@@ -17,7 +17,8 @@ from mooringdx.errors import FitError
 from mooringdx.types import Array
 
 MAIN, SHORT, SLOW = 10.0, 1.3, 400.0
-LEAST_SLOW = 3
+LEAST_SLOW, LEAST_DRIFTING = 3, 2
+"""Slow windows that the no-fault record must hold; fewer where the run file says how far a healthy sensor drifts."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def design(part: DetectorPart, sample_time: float, pieces: Sequence[Array]) -> T
     memory = samples(part.adapt, SLOW)
     if part.short_window == "auto" and 2 * short > window:
         short = 0
-    if part.slow_window == "auto" and measured < LEAST_SLOW * slow:
+    if part.slow_window == "auto" and measured < (LEAST_DRIFTING if part.slow_drift else LEAST_SLOW) * slow:
         slow = 0
     if part.adapt == "auto" and measured < 2 * memory:
         memory = 0

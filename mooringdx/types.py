@@ -335,7 +335,8 @@ class Detection:
     windows (s, this log's clock) that the baseline was learned on, empty when it was learned on other logs.
     ``statistics`` and ``thresholds`` go together by branch (main, short, slow). ``alarm_rate``: asked, central,
     interval (per second) and verdict for the system. ``run`` is the configuration, ``provenance`` what made this.
-    ``choice`` is the table by which the whitening was chosen: one mapping a candidate, key = column.
+    ``choice`` is the table by which the whitening was chosen: one mapping a candidate, key = column. ``forces``: the
+    balance of forces that tells a line from its sensor, where a vessel is known; no detector watches it.
     """
 
     name: str
@@ -353,6 +354,7 @@ class Detection:
     choice: tuple[Mapping[str, Any], ...]
     run: Mapping[str, Any]
     provenance: Mapping[str, Any]
+    forces: Residuals | None = None
 
 
 Noun = TypeVar("Noun")

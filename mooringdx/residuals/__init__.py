@@ -20,18 +20,24 @@ from mooringdx.residuals.position import Position
 from mooringdx.residuals.training import Training
 from mooringdx.types import Channels, Fault, Residuals, Signatures
 
-GENERATORS: Mapping[str, Any] = {"parity": Parity, "learned": Learned, "position": Position}
+GENERATORS: Mapping[str, Any] = {
+    "parity": Parity,
+    "learned": Learned,
+    "position": Position,
+}
 
 
 @dataclass(frozen=True)
 class Stack:
     """Several generators side by side: their residuals joined, their signatures merged fault by fault.
 
-    ``faults``: labels, kinds or subjects to keep; empty keeps all.
+    ``faults``: labels, kinds or subjects to keep; empty keeps all. ``witness``: the force balance, which no detector
+    watches where tensions are: it is asked afterwards whether a line or its sensor changed.
     """
 
     parts: tuple[Any, ...]
     faults: tuple[str, ...] = ()
+    witness: Any = None
 
     def __call__(self, channels: Channels) -> Residuals:
         """Return all residuals on the grid of ``channels``."""
@@ -49,7 +55,8 @@ class Stack:
         """Return a JSON-safe mapping from which `from_dict` rebuilds the stack."""
         words = {cls: word for word, cls in GENERATORS.items()}
         parts = [{"generator": words[type(part)], **part.to_dict()} for part in self.parts]
-        return {"parts": parts, "faults": list(self.faults)}
+        witness = None if self.witness is None else self.witness.to_dict()
+        return {"parts": parts, "faults": list(self.faults), "witness": witness}
 
     @classmethod
     def from_dict(cls, body: Mapping[str, Any]) -> Stack:
@@ -58,7 +65,8 @@ class Stack:
         for part in body["parts"]:
             rest = {key: value for key, value in part.items() if key != "generator"}
             parts.append(resolve(part["generator"], GENERATORS, "residual generator").from_dict(rest))
-        return cls(tuple(parts), tuple(body["faults"]))
+        witness = None if body["witness"] is None else GENERATORS["force_balance"].from_dict(body["witness"])
+        return cls(tuple(parts), tuple(body["faults"]), witness)
 
 
 def fit(training: Sequence[Training], run: RunConfig) -> Stack:
@@ -68,8 +76,9 @@ def fit(training: Sequence[Training], run: RunConfig) -> Stack:
     """
     if not run.residuals.use:
         raise ConfigError(f"[residuals] use is empty; allowed: {', '.join(GENERATORS)}")
-    parts = tuple(resolve(word, GENERATORS, "residual generator").fit(training, run) for word in run.residuals.use)
-    return Stack(parts, tuple(run.residuals.faults))
+    fitted = {word: resolve(word, GENERATORS, "residual generator").fit(training, run) for word in run.residuals.use}
+    witness = fitted.pop("force_balance") if len(fitted) > 1 and "force_balance" in fitted else None
+    return Stack(tuple(fitted.values()), tuple(run.residuals.faults), witness)
 
 
 def merge(pieces: Sequence[Signatures]) -> Signatures:
