@@ -76,10 +76,11 @@ def learn(stretches: Sequence[tuple[Array, Mask]], window: int, settle: int) -> 
     for values, valid in stretches:
         if len(values) < 3 * window + settle:
             continue
-        means = _moving_means(np.where(valid.all(axis=1)[:, None], values, np.nan), window)
+        seen: Mask = np.asarray(valid.all(axis=1), dtype=np.bool_)
+        means = _moving_means(np.where(seen[:, None], values, np.nan), window)
         change = means[window + settle :] - means[: -(window + settle)]
-        changes.append(change[np.isfinite(change).all(axis=1)])
-        levels.append(means[np.isfinite(means).all(axis=1)])
+        changes.append(_finite(change))
+        levels.append(_finite(means))
         count += len(values) / (2.0 * window)
     if not sum(map(len, changes)):
         return None
@@ -117,6 +118,10 @@ def mean_over(values: Array, valid: Mask, part: slice, window: int) -> Array | N
     if good.sum() < _LEAST_SHARE * window:
         return None
     return np.asarray(values[part][good].mean(axis=0))
+
+
+def _finite(rows: Array) -> Array:
+    return np.asarray(rows[np.flatnonzero(np.isfinite(rows).all(axis=1))])
 
 
 def _moving_means(values: Array, window: int) -> Array:

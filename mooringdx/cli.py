@@ -105,9 +105,10 @@ def inspect(log: Path, html: Path | None, as_json: bool) -> None:
 @main.command()
 @click.argument("log", type=LOG)
 @click.option("-o", "--out", type=LOG, required=True, help="The run file to write.")
-@click.option("--model-free/--vessel", "model_free", default=True, help="Without a vessel model (the only kind yet).")
+@click.option("--vessel", help="A vessel file, or its name in configs/vessels; without one the run is model-free.")
+@click.option("--model-free", is_flag=True, help="Without a vessel model: what is left out when --vessel is.")
 @click.option("--force", is_flag=True, help="Replace the file when it is there.")
-def init(log: Path, out: Path, model_free: bool, force: bool) -> None:
+def init(log: Path, out: Path, vessel: str | None, model_free: bool, force: bool) -> None:
     """Write a commented starter run file for LOG, with the mapping it guessed."""
     from mooringdx.errors import ConfigError
     from mooringdx.logs.starter import starter
@@ -116,8 +117,11 @@ def init(log: Path, out: Path, model_free: bool, force: bool) -> None:
 
     if out.exists() and not force:
         raise ConfigError(f"{out}: is already there; give another -o, or --force to replace it")
+    if vessel and model_free:
+        raise ConfigError("--vessel and --model-free exclude each other; give one of them, or none")
+    lines = vessel_lines(vessel, out) if vessel else ()
     raw = read(log, None)
-    text = starter(log, survey(raw), model_free=model_free, out=out)
+    text = starter(log, survey(raw), vessel=vessel, lines=lines, out=out)
     write_files(out.parent, {out.name: text.encode()})
     click.echo(f"wrote {out}: check the mapping and the no-fault window, then `mooringdx run {out} -o DIR`")
 
@@ -222,6 +226,17 @@ def simulate(scenario: Path, out: Path, seed: int) -> None:
 
 
 @main.command()
+@click.argument("paper")
+@click.option("-o", "--out", type=DIR, help="Folder of the results; reports/PAPER when left out.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same bytes.")
+def reproduce(paper: str, out: Path | None, seed: int) -> None:
+    """Carry a source PAPER out anew: its figures and claims beside what is measured here."""
+    from mooringdx.reproduce import run_paper
+
+    click.echo(run_paper(paper, out or Path("reports") / paper, seed))
+
+
+@main.command()
 @click.argument("plan", type=LOG)
 @click.option("--data", type=DIR, help="Folder of the labelled logs; a plan's paths are relative to it.")
 @out_option
@@ -259,6 +274,14 @@ def doctor(as_json: bool) -> None:
         )
     if not all(row[2] for row in rows):
         sys.exit(FAILED)
+
+
+def vessel_lines(name: str, out: Path) -> Sequence[str]:
+    """Return the lines of the vessel that a run file at ``out`` would name."""
+    from mooringdx.config import vessel_file
+    from mooringdx.physics.vessel import load_vessel
+
+    return load_vessel(vessel_file(name, out)).mooring.lines
 
 
 def read(path: Path, config: RunConfig | None) -> RawLog:

@@ -52,13 +52,19 @@ def guess(rows: Sequence[SurveyRow]) -> Mapping[str, Choice]:
     return choices
 
 
-def starter(path: Path, rows: Sequence[SurveyRow], model_free: bool = True, out: Path | None = None) -> str:
+def starter(
+    path: Path,
+    rows: Sequence[SurveyRow],
+    vessel: str | None = None,
+    lines: Sequence[str] = (),
+    out: Path | None = None,
+) -> str:
     """Return a commented run file (TOML) for the log at ``path`` that `load_run` accepts as it stands.
 
     Parameters
     ----------
     path : of the log. rows : from `survey`.
-    model_free : a run without a vessel; False adds the line that names one, as a comment.
+    vessel, lines : the vessel that the run file is to name, and its lines; None makes a model-free run.
     out : where the run file will stand; the log's path is written relative to it.
     """
     choices = guess(rows)
@@ -72,8 +78,8 @@ def starter(path: Path, rows: Sequence[SurveyRow], model_free: bool = True, out:
         _log(path, rows, out),
         _channels(choices),
         _clock(used, periods),
-        _mooring(used, model_free),
-        *((_bank(),) if slow else (_residuals(used), _baseline(used), _rest())),
+        _mooring(used) if vessel is None else _vessel(used, vessel, lines),
+        *((_bank(),) if slow else (_residuals(used, vessel is not None), _baseline(used), _rest())),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -149,11 +155,22 @@ def _nice(period: float) -> float:
     return float(f"{period:.3g}")
 
 
-def _mooring(used: Mapping[str, Choice], model_free: bool) -> str:
+def _vessel(used: Mapping[str, Choice], vessel: str, lines: Sequence[str]) -> str:
+    seen = {f"line_{n.removeprefix('tension_')}" for n in used if n.startswith("tension_")}
+    missing = [line for line in lines if line not in seen]
+    known = [line for line in lines if line in seen]
+    text = f"""[mooring]
+vessel = {_text(vessel)}   # a file in configs/vessels, or a path relative to this file
+lines = {json.dumps(known)}   # its lines with a tension in the log
+# origin = [0.0, 0.0]   # m: where the neutral place of its turret stands in the log's north and east: check"""
+    if missing:
+        text += f"\n# no tension of {', '.join(missing)} was found; name its channel above: tension_... = {{ ... }}"
+    return text
+
+
+def _mooring(used: Mapping[str, Choice]) -> str:
     lines = [f"line_{n.removeprefix('tension_')}" for n in used if n.startswith("tension_")]
-    text = "[mooring]\n"
-    if not model_free:
-        text += '# vessel = "..."   # a file in configs/vessels, or a path\n'
+    text = '[mooring]\n# vessel = "..."   # a file in configs/vessels, or a path: residuals then know its lines\n'
     if lines:
         text += f"lines = {json.dumps(lines, ensure_ascii=False)}   # guess: one line a tension"
     else:
@@ -165,7 +182,10 @@ def _mooring(used: Mapping[str, Choice], model_free: bool) -> str:
     )
 
 
-def _residuals(used: Mapping[str, Choice]) -> str:
+def _residuals(used: Mapping[str, Choice], known: bool) -> str:
+    if known:
+        return """[residuals]
+use = ["tension", "force_balance"]   # measured tension less the statics at the measured place; forces on the vessel"""
     kinds = ["learned"]
     if {"north", "east"} <= set(used) or {"latitude", "longitude"} <= set(used):
         kinds.append("position")
