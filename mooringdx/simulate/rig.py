@@ -1,106 +1,195 @@
-"""The moored vessel: three degrees of freedom on spring lines, low-frequency motion.
+"""The true rig: the vessel file with the scenario's departures from it, as numbers for the plant.
 
-    M nu_dot = R(psi)' (f_env + sum_i h T_i u_i) + moments - D (nu - R(psi)' v_c),      p_dot = R(psi) nu
-    T_i = max(0, T_0 + k (r_i - r_0) + d_1 r_i_dot + d_2 r_i_dot |r_i_dot|)             (0 once the line has parted)
-
-p is north, east, heading; nu surge, sway, yaw rate; r_i and u_i are distance and direction from fairlead to anchor;
-h is the horizontal share of the tension. Coriolis forces are left out: speeds are a few cm/s. A line cannot push.
+A residual generator knows the file alone, so what stands in [rig] is its model error: constant over a record, drawn
+once for a seed from streams of its own. Heavier lines keep their anchors. Line faults become levels of a stack of
+tables (weakened), a sample from which a line is gone (lost), or a sliding force (parted near the anchor).
 """
 
 from __future__ import annotations
 
-import numba
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mooringdx.physics.mooring import Mooring
+from mooringdx.physics.rig import Damage, fault_tables, mooring_of, neutral, sliding
+from mooringdx.physics.vessel import VesselModel
+from mooringdx.simulate.faults import Failure, grown
+from mooringdx.simulate.plant import Hull, Lines, Loop
+from mooringdx.simulate.scenario import Scenario
+from mooringdx.simulate.streams import Draw
 from mooringdx.types import Array
 
-
-@numba.njit(cache=True)
-def tension(stretch: float, speed: float, spring: Array) -> float:
-    """Return one line's tension, N. ``spring``: pretension N, stiffness N/m, dynamic N s/m and N s2/m2."""
-    pull: float = spring[0] + spring[1] * stretch + spring[2] * speed + spring[3] * speed * abs(speed)
-    return max(0.0, pull)
+WATER = 1025.0  # kg/m3
+STRIPS = 8
+NEVER = 2**62
+GRID = 12  # steps of a weakening between intact and its size
 
 
-@numba.njit(cache=True)
-def reach(p: Array, fairlead: Array, anchor: Array) -> tuple[float, float, float]:
-    """Return the distance to the anchor (m) and its direction (north, east) for a vessel at ``p`` (m, m, rad)."""
-    c, s = np.cos(p[2]), np.sin(p[2])
-    north = anchor[0] - p[0] - c * fairlead[0] + s * fairlead[1]
-    east = anchor[1] - p[1] - s * fairlead[0] - c * fairlead[1]
-    distance = np.hypot(north, east)
-    return distance, north / distance, east / distance
-
-
-@numba.njit(cache=True)
-def slope(
-    state: Array, load: Array, current: Array, holds: Array, mass: Array, damping: Array,
-    fairleads: Array, anchors: Array, rest: float, spring: Array, share: float,
-) -> Array:  # fmt: skip
-    """Return the time derivative of ``state``: (6,), north, east, heading, surge, sway, yaw rate."""
-    c, s = np.cos(state[2]), np.sin(state[2])
-    north_speed, east_speed = c * state[3] - s * state[4], s * state[3] + c * state[4]
-    north, east, moment = load[0], load[1], load[2]
-    for i in range(len(anchors)):
-        distance, un, ue = reach(state, fairleads[i], anchors[i])
-        arm_n = c * fairleads[i, 0] - s * fairleads[i, 1]
-        arm_e = s * fairleads[i, 0] + c * fairleads[i, 1]
-        speed = -(un * (north_speed - state[5] * arm_e) + ue * (east_speed + state[5] * arm_n))
-        pull = holds[i] * share * tension(distance - rest, speed, spring)
-        north += pull * un
-        east += pull * ue
-        moment += pull * (arm_n * ue - arm_e * un)
-    out = np.empty(6)
-    out[0], out[1], out[2] = north_speed, east_speed, state[5]
-    out[3] = (c * north + s * east - damping[0] * (state[3] - c * current[0] - s * current[1])) / mass[0]
-    out[4] = (c * east - s * north - damping[1] * (state[4] - c * current[1] + s * current[0])) / mass[1]
-    out[5] = (moment - damping[2] * state[5]) / mass[2]
-    return out
-
-
-@numba.njit(cache=True)
-def drift_about(
-    loads: Array, currents: Array, holds: Array, dt: float, heading: float, mass: Array, damping: Array,
-    fairleads: Array, anchors: Array, rest: float, spring: Array, share: float,
-) -> Array:  # fmt: skip
-    """Integrate from rest by Runge-Kutta 4 with loads linear between samples.
-
-    ``loads``: (n, 3), N, N, N m, earth axes; ``currents``: (n, 2), m/s; ``holds``: (n, lines), 1 or 0,
-    held over the step. Returns (n, 3): north and east m, heading rad.
+@dataclass(frozen=True)
+class Rig:
+    """What the plant integrates. ``levels``: (n, lines) or (1, lines); ``effect``: (n, 3) or (1, 3), of the thrusters;
+    ``gain``: (lines,), of the gauges; ``rest``: (3,), where the run starts; ``drawn``: what was drawn, for the truth.
     """
-    n = len(loads)
-    out = np.empty((n, 3))
-    state = np.zeros(6)
-    state[2] = heading
-    out[0] = state[:3]
-    for k in range(n - 1):
-        mid_load, mid_current = 0.5 * (loads[k] + loads[k + 1]), 0.5 * (currents[k] + currents[k + 1])
-        rig = (holds[k], mass, damping, fairleads, anchors, rest, spring, share)
-        a = slope(state, loads[k], currents[k], *rig)
-        b = slope(state + 0.5 * dt * a, mid_load, mid_current, *rig)
-        c = slope(state + 0.5 * dt * b, mid_load, mid_current, *rig)
-        d = slope(state + dt * c, loads[k + 1], currents[k + 1], *rig)
-        state = state + dt / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        out[k + 1] = state[:3]
+
+    vessel: VesselModel
+    hull: Hull
+    lines: Lines
+    loop: Loop
+    levels: Array
+    effect: Array
+    gain: Array
+    rest: Array
+    substeps: int
+    drawn: dict[str, Any]
+
+
+def draw_rig(scenario: Scenario, draw: Draw, time: Array) -> Rig:
+    """Return the rig of a scenario with its faults at ``time``, (n,), s; ``draw`` gives the rig's own streams."""
+    vessel, part = scenario.typed(), scenario.rig
+    names = vessel.mooring.lines
+    system = mooring_of(vessel)
+    shift = np.array([[part.anchors * _one(draw, f"rig anchor {x} {a}") for a in ("north", "east")] for x in names])
+    gain = 1.0 + part.gain * np.array([_one(draw, f"rig gain {x}") for x in names])
+    lines, levels = _lines(scenario, vessel, system, system.anchors + shift, time)
+    loop, rest = _loop(scenario, vessel)
+    hull = _hull(scenario, vessel)
+    drawn = {"anchors": shift.tolist(), "gain": gain.tolist()}
+    effect = _effect(scenario, time)
+    return Rig(vessel, hull, lines, loop, levels, effect, gain, rest, _substeps(scenario, vessel, system, rest), drawn)
+
+
+def _one(draw: Draw, name: str) -> float:
+    return float(draw(name).standard_normal())
+
+
+def _hull(scenario: Scenario, vessel: VesselModel) -> Hull:
+    part, d = scenario.rig, vessel.dynamics
+    inertia = np.diag(d.inertia).astype(np.float64)
+    inertia[1, 2] = inertia[2, 1] = d.coupling
+    length, drag = vessel.hull.length, 0.5 * WATER * d.cross_flow * vessel.hull.draught
+    x = length * ((np.arange(STRIPS) + 0.5) / STRIPS - 0.5)
+    strips = np.column_stack([x, np.full(STRIPS, drag * length / STRIPS)]) if drag > 0.0 else np.zeros((0, 2))
+    return Hull(
+        inverse=np.asarray(np.linalg.inv((1.0 + part.inertia) * inertia), dtype=np.float64),
+        damping=(1.0 + part.damping) * np.array(d.damping),
+        strips=strips,
+        drift=np.array([vessel.drift.surge, vessel.drift.sway, vessel.drift.yaw]),
+        wind=(1.0 + part.wind) * np.array([vessel.wind.surge, vessel.wind.sway, vessel.wind.yaw]),
+    )
+
+
+def _loop(scenario: Scenario, vessel: VesselModel) -> tuple[Loop, Array]:
+    """Return the controller and where the run starts: its set-point, or the neutral place."""
+    place = neutral(vessel)[1]
+    asked = scenario.control.set_point
+    if asked is not None:
+        place = np.array([asked[0], asked[1], np.radians(asked[2])])
+    zero = np.zeros(3)
+    gains, thrust = vessel.control, vessel.thrust
+    if scenario.control.kind == "none" or gains is None or thrust is None:
+        return Loop(zero, zero, zero, zero, 0.0, place), place
+    derivative = zero if scenario.control.kind == "pi" else np.array(gains.derivative)
+    keep = float(np.exp(-scenario.record.sample_time / thrust.lag))
+    pid = (np.array(gains.proportional), np.array(gains.integral), derivative)
+    return Loop(*pid, np.array(thrust.limit), keep, place), place
+
+
+def _effect(scenario: Scenario, time: Array) -> Array:
+    """Return what the thrusters give for what is logged: the rig's departure, and what a fault takes."""
+    out = np.full((1, 3), 1.0 + scenario.rig.thrust)
+    for fault in scenario.faults:
+        if fault.kind == "actuator_fault":
+            axis = ("thrust_surge", "thrust_sway", "thrust_yaw").index(fault.subject)
+            out = np.tile(out, (time.size, 1)) if len(out) == 1 else out
+            out[:, axis] *= 1.0 - fault.size * grown(time, fault)
     return out
 
 
-@numba.njit(cache=True)
-def tensions(
-    motion: Array, dt: float, holds: Array, parted: float, fairleads: Array, anchors: Array, rest: float, spring: Array
-) -> Array:
-    """Return the tension of every line under the whole motion, (n, lines), N; ``parted`` is what hangs from a fairlead.
+def _heavier(vessel: VesselModel, share: float) -> VesselModel:
+    sections = [s.model_copy(update={"weight": s.weight * (1.0 + share)}) for s in vessel.mooring.sections]
+    return vessel.model_copy(update={"mooring": vessel.mooring.model_copy(update={"sections": sections})})
 
-    ``motion``: (n, 3), north, east, heading. The fairlead's speed is the central difference of its distance.
-    """
-    n, lines = len(motion), len(anchors)
-    out = np.empty((n, lines))
-    for i in range(lines):
-        distance = np.empty(n)
-        for k in range(n):
-            distance[k] = reach(motion[k], fairleads[i], anchors[i])[0]
-        for k in range(n):
-            first, last = max(k - 1, 0), min(k + 1, n - 1)
-            speed = (distance[last] - distance[first]) / (dt * (last - first))
-            out[k, i] = tension(distance[k] - rest, speed, spring) if holds[k, i] > 0.0 else parted
+
+def _lines(
+    scenario: Scenario, vessel: VesselModel, system: Mooring, anchors: Array, time: Array
+) -> tuple[Lines, Array]:  # fmt: skip
+    """Return the lines and, (n, lines) or (1, lines), the level of each in its stack of tables."""
+    part, names = scenario.rig, system.names
+    heavy = _heavier(vessel, part.weight) if part.weight else vessel
+    stacks, grids, slides = [], [], []
+    levels = np.zeros((1, len(names)))
+    for j, name in enumerate(names):
+        own = heavy if not part.lines or name in part.lines else vessel
+        faults = [f for f in scenario.faults if f.subject == name]
+        intact = mooring_of(own)
+        stack = (intact.horizontal[j][None], intact.tension[j][None])
+        for fault in faults:
+            if fault.kind == "line_weakened":
+                stack = _weakened(own, fault)
+                levels = np.tile(levels, (time.size, 1)) if len(levels) == 1 else levels
+                levels[:, j] = GRID * grown(time, fault)
+        stacks.append(stack)
+        grids.append((intact.start, intact.step))
+        slides.append(_slide(own, intact, j, faults))
+    deepest = max(len(h) for h, _ in stacks)
+    horizontal, tension = (np.stack([_padded(stack[i], deepest) for stack in stacks]) for i in (0, 1))
+    lines = Lines(
+        anchors=np.ascontiguousarray(anchors),
+        fairleads=np.array(system.fairleads),
+        start=np.array([start for start, _ in grids]),
+        step=np.array([step for _, step in grids]),
+        horizontal=horizontal,
+        tension=tension,
+        parted=_first(scenario, names, "line_lost", time),
+        low=_first(scenario, names, "line_parted_low", time),
+        slide=np.array(slides),
+        dynamic=np.array(vessel.mooring.dynamic),
+        rest=vessel.mooring.parted,
+    )
+    return lines, levels
+
+
+def _weakened(vessel: VesselModel, fault: Failure) -> tuple[Array, Array]:
+    kind: Damage = "buoyancy" if fault.mode == "buoyancy" else "stiffness"
+    return fault_tables(vessel, kind, [float(x) for x in np.linspace(0.0, fault.size, GRID + 1)])
+
+
+def _padded(stack: Array, deepest: int) -> Array:
+    """Return (deepest, k): the last table again and again, so that lines of few levels share one array."""
+    return np.concatenate([stack, np.repeat(stack[-1:], deepest - len(stack), axis=0)])
+
+
+def _slide(vessel: VesselModel, system: Mooring, j: int, faults: Sequence[Failure]) -> tuple[float, float]:
+    """Return the sliding force, N, and the distance, m, at which the intact line pulls so; infinite without a fault."""
+    for fault in faults:
+        if fault.kind == "line_parted_low":
+            force = sliding(vessel, 1.0 - fault.size)
+            grid = system.start + system.step * np.arange(system.horizontal.shape[1])
+            return force, float(np.interp(force, system.horizontal[j], grid))
+    return np.inf, np.inf
+
+
+def _first(scenario: Scenario, names: Sequence[str], kind: str, time: Array) -> NDArray[np.int64]:
+    """Return the first sample at which a fault of ``kind`` holds, (lines,); where there is none, `NEVER`."""
+    out = np.full(len(names), NEVER, dtype=np.int64)
+    for fault in scenario.faults:
+        if fault.kind == kind:
+            j = names.index(fault.subject)
+            out[j] = min(out[j], int(np.searchsorted(time, fault.onset - 1e-6)))
     return out
+
+
+def _substeps(scenario: Scenario, vessel: VesselModel, system: Mooring, place: Array) -> int:
+    """Return the steps a sample that keep the fastest rate times a step under a half: lines four times as stiff."""
+    inertia = np.array(vessel.dynamics.inertia)
+    spring = 4.0 * np.abs(np.diag(system.stiffness(place)))
+    rate = np.array(vessel.dynamics.damping)
+    if vessel.control is not None and scenario.control.kind != "none":
+        spring = spring + np.array(vessel.control.proportional)
+        rate = rate + np.array(vessel.control.derivative)
+    fastest = max(float(np.sqrt(spring / inertia).max()), float((rate / inertia).max()))
+    return max(1, int(np.ceil(2.0 * fastest * scenario.record.sample_time)))

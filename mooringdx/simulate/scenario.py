@@ -1,23 +1,21 @@
-"""A scenario file, typed: the vessel, its lines, the weather, the sensors, and what fails when.
+"""A scenario file, typed: the vessel, the weather, the true rig, the sensors, and what fails when.
 
-Defaults are the model basin of [Fang2015] as far as a spring line can stand for it: CyberShip III at model scale
-(1 s of log is 6.06 s full scale). The lines leave the hull from six fairleads instead of a turret, so that the
-vessel keeps its heading without thrusters.
+Defaults are the model basin of [Fang2015]: CyberShip III at model scale, 1 s of log is 6.06 s at full scale. The vessel
+file is read into ``model``, so that a scenario, and the truth beside a log, holds all that made it.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from mooringdx.config import read_toml, validate
+from mooringdx.config import read_toml, validate, vessel_file
+from mooringdx.physics.vessel import VesselModel
+from mooringdx.physics.vessel import vessel as typed_vessel
 from mooringdx.registry import did_you_mean
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Triple = tuple[Positive, Positive, Positive]
+from mooringdx.simulate.faults import Failure, NotNegative, Positive, Trap
 
 
 class _Part(BaseModel):
@@ -25,130 +23,175 @@ class _Part(BaseModel):
 
 
 class Record(_Part):
-    """[record]: s; the first ``settle`` seconds are simulated and thrown away."""
+    """[record]: s; the first ``settle`` seconds are simulated and thrown away: some periods of the moored vessel."""
 
     duration: Positive = 1500.0
     sample_time: Positive = 0.1
     settle: NotNegative = 200.0
 
 
-class Vessel(_Part):
-    """[vessel]: surge, sway, yaw; kg and kg m2, N s/m and N m s; m; heading at rest in deg true."""
+class Sea(_Part):
+    """[sea]: m, s, direction *from* in deg true; ``spread``: exponent of the spreading; without it, long-crested.
 
-    mass: Triple = (80.0, 140.0, 32.0)
-    damping: Triple = (6.0, 20.0, 8.0)
-    length: Positive = 1.974
-    draught: Positive = 0.153
-    heading: float = 0.0
-
-
-class Line(_Part):
-    """One line: direction towards the anchor (deg true), fairlead on the hull (m forward, m to starboard)."""
-
-    azimuth: float
-    fairlead: tuple[float, float]
-
-
-class Mooring(_Part):
-    """[mooring]: every line is a spring under a constant angle; N, N/m, m.
-
-    ``horizontal_share`` is the cosine of that angle, ``dynamic`` the tension per fairlead speed (N s/m, N s2/m2).
+    ``drift``: factor on the vessel's [drift]. ``start``: s of the record before which the water is flat.
     """
 
-    lines: list[Line] = [
-        Line(azimuth=30, fairlead=(0.9, 0.2)),
-        Line(azimuth=90, fairlead=(0.0, 0.22)),
-        Line(azimuth=150, fairlead=(-0.9, 0.2)),
-        Line(azimuth=210, fairlead=(-0.9, -0.2)),
-        Line(azimuth=270, fairlead=(0.0, -0.22)),
-        Line(azimuth=330, fairlead=(0.9, -0.2)),
-    ]
-    pretension: Positive = 4.0
-    stiffness: Positive = 8.64
-    horizontal_share: Annotated[float, Field(gt=0, le=1)] = 0.625
-    anchor_distance: Positive = 12.48
-    dynamic: tuple[NotNegative, NotNegative] = (4.0, 20.0)
-    parted_tension: NotNegative = 0.05
-
-
-class Sea(_Part):
-    """[sea]: JONSWAP; m, s, direction *from* in deg true, half width of the spreading in deg, mean drift force in N."""
-
-    height: Positive = 0.06
+    spectrum: Literal["jonswap", "pierson-moskowitz"] = "jonswap"
+    height: NotNegative = 0.06
     peak_period: Positive = 1.5
     peakedness: Positive = 3.3
     direction: float = 15.0
-    spread: NotNegative = 20.0
-    drift_force: NotNegative = 0.5
+    spread: Positive | None = None
+    drift: NotNegative = 1.0
+    start: float | None = None
 
 
 class Current(_Part):
-    """[current]: m/s, direction *towards* in deg true; speed wanders with ``sd`` over ``memory`` seconds."""
+    """[current]: m/s, direction *towards* in deg true; both wander with their sd over ``memory`` seconds."""
 
     speed: NotNegative = 0.03
     direction: float = 200.0
     sd: NotNegative = 0.002
+    direction_sd: NotNegative = 0.0
     memory: Positive = 600.0
 
 
 class Wind(_Part):
-    """[wind]: m/s, direction *from* in deg true; gusts as a share of the speed; N per (m/s)2 along and across."""
+    """[wind]: m/s, direction *from* in deg true; gusts: a share of the speed, wandering over ``memory`` seconds."""
 
     speed: NotNegative = 1.3
     direction: float = 350.0
     gust: NotNegative = 0.3
     memory: Positive = 6.0
-    drag: tuple[NotNegative, NotNegative] = (0.05, 0.25)
+
+
+class Control(_Part):
+    """[control]: "pid" with the vessel's gains, "pi" without its derivative part, or "none" (thrusters off).
+
+    ``set_point``: north, east (m, centre of gravity), heading (deg); left out: the neutral place.
+    """
+
+    kind: Literal["pid", "pi", "none"] = "pid"
+    set_point: tuple[float, float, float] | None = None
+
+
+class Drifting(_Part):
+    """[rig] tension_drift: the gauges' zeros wander with ``sd`` N over ``memory`` s."""
+
+    sd: NotNegative = 0.0
+    memory: Positive = 7200.0
+
+
+class RigPart(_Part):
+    """[rig]: how the true rig departs from the vessel file, which is all that a residual generator knows.
+
+    Shares of the file's value for ``weight`` (of ``lines``, default all), ``wind``, ``thrust``, ``damping``,
+    ``inertia``; sd of what is drawn once a rig for ``anchors`` (m, a line and axis) and ``gain`` (share, a gauge).
+    """
+
+    weight: Annotated[float, Field(gt=-1)] = 0.0
+    lines: list[str] = []
+    anchors: NotNegative = 0.0
+    gain: NotNegative = 0.0
+    wind: Annotated[float, Field(ge=-1)] = 0.0
+    thrust: Annotated[float, Field(ge=-1)] = 0.0
+    damping: Annotated[float, Field(gt=-1)] = 0.0
+    inertia: Annotated[float, Field(gt=-1)] = 0.0
+    tension_drift: Drifting = Drifting()
+
+
+class Sensor(_Part):
+    """[sensors.*]: sd of the white ``noise`` and the rounding step ``quantum`` in the log's unit (0: none).
+
+    ``sample_time``: s, a multiple of the record's, left out for the record's own.
+    """
+
+    noise: NotNegative = 0.0
+    quantum: NotNegative = 0.0
+    sample_time: Positive | None = None
+    logged: bool = True
 
 
 class Sensors(_Part):
-    """[sensors]: noise sd (m, deg, N) and the logger's decimals (m, deg, N)."""
+    """[sensors]: position m, heading deg, tension N, thrust N and N m, wind m/s on each component."""
 
-    position: NotNegative = 0.001
-    heading: NotNegative = 0.05
-    tension: NotNegative = 0.02
-    decimals: tuple[int, int, int] = (4, 3, 3)
+    position: Sensor = Sensor(noise=0.001, quantum=0.0001)
+    heading: Sensor = Sensor(noise=0.05, quantum=0.001)
+    tension: Sensor = Sensor(noise=0.02, quantum=0.001)
+    thrust: Sensor = Sensor(quantum=0.0001)
+    wind: Sensor = Sensor(noise=0.02, quantum=0.001)
 
-
-class Failure(_Part):
-    """[[faults]]: a line parts at its fairlead, or a tension gauge dies (reads its noise about zero)."""
-
-    kind: Literal["line_lost", "sensor_fault"]
-    subject: str
-    onset: NotNegative
-    mode: Literal["dead"] | None = None
-
-    @model_validator(mode="after")
-    def _mode_fits(self) -> Self:
-        if (self.kind == "sensor_fault") != (self.mode is not None):
-            raise ValueError('a sensor_fault needs mode = "dead"; a line_lost has no mode')
-        return self
+    def items(self) -> tuple[tuple[str, Sensor], ...]:
+        """Return each kind with its sensor."""
+        names = ("position", "heading", "tension", "thrust", "wind")
+        return tuple((name, getattr(self, name)) for name in names)
 
 
 class Scenario(_Part):
-    """A scenario file."""
+    """A scenario file. ``vessel``: a path or a name in configs/vessels; ``model``: its content, read in."""
 
+    vessel: str = "cybership3"
+    model: dict[str, Any] = {}
     record: Record = Record()
-    vessel: Vessel = Vessel()
-    mooring: Mooring = Mooring()
     sea: Sea = Sea()
     current: Current = Current()
     wind: Wind = Wind()
+    control: Control = Control()
+    rig: RigPart = RigPart()
     sensors: Sensors = Sensors()
     faults: list[Failure] = []
+    traps: list[Trap] = []
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_model(cls, body: Any) -> Any:
+        return _embedded(body, Path("scenario")) if isinstance(body, dict) else body
 
     @model_validator(mode="after")
-    def _subjects_exist(self) -> Self:
+    def _consistent(self) -> Self:
+        vessel, record = self.typed(), self.record
+        lines = vessel.mooring.lines
         for fault in self.faults:
-            stem = "line" if fault.kind == "line_lost" else "tension"
-            allowed = [f"{stem}_{i + 1}" for i in range(len(self.mooring.lines))]
-            if fault.subject not in allowed:
-                raise ValueError(f"unknown subject '{fault.subject}'{did_you_mean(fault.subject, allowed)}")
-            if fault.onset >= self.record.duration:
-                raise ValueError(f"onset {fault.onset} s is after the record's end, {self.record.duration} s")
+            fault.check(lines, record.duration)
+        for trap in self.traps:
+            if trap.onset >= record.duration:
+                raise ValueError(f"onset {trap.onset} s is after the record's end, {record.duration} s")
+        for line in self.rig.lines:
+            if line not in lines:
+                raise ValueError(f"[rig] lines: unknown line '{line}'{did_you_mean(line, lines)}")
+        _one_way_of_weakening(self.faults)
+        for name, sensor in self.sensors.items():
+            ratio = (sensor.sample_time or record.sample_time) / record.sample_time
+            if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
+                raise ValueError(f"[sensors.{name}] sample_time must be a multiple of {record.sample_time} s")
+        if self.control.kind != "none" and (vessel.control is None or vessel.thrust is None):
+            raise ValueError(f"vessel '{vessel.name}' has no [control] or [thrust]; set [control] kind = \"none\"")
         return self
+
+    def typed(self) -> VesselModel:
+        """Return the vessel file's content as a `VesselModel`."""
+        return typed_vessel(self.model, Path(self.vessel))
+
+
+def _one_way_of_weakening(faults: list[Failure]) -> None:
+    seen: dict[str, Failure] = {}
+    for fault in faults:
+        if fault.kind != "line_weakened":
+            continue
+        if fault.subject in seen:
+            raise ValueError(
+                f"two line_weakened entries of {fault.subject}; give one, whose ramp reaches the last size"
+            )
+        seen[fault.subject] = fault
+
+
+def _embedded(body: dict[str, Any], path: Path) -> dict[str, Any]:
+    if body.get("model"):
+        return body
+    name = body.get("vessel", "cybership3")
+    return {**body, "model": read_toml(vessel_file(name, path))} if isinstance(name, str) else body
 
 
 def load_scenario(path: Path) -> Scenario:
     """Read a scenario file; every fault in it is one ConfigError sentence with file, key, what is allowed."""
-    return validate(Scenario, read_toml(path), path)
+    return validate(Scenario, _embedded(read_toml(path), path), path)

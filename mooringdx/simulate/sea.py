@@ -1,84 +1,100 @@
-"""Weather: irregular waves with the ship's first-order answer to them, and slowly wandering speeds.
+"""Irregular waves over a whole record, their squared envelope, and the ship's first-order answer.
 
-Elevation at the origin, no repetition within the record (one harmonic per Fourier bin of the whole record):
+One harmonic a Fourier bin of the whole record, so that nothing repeats within it:
 
-    zeta(t) = Re sum_k sum_b A_kb exp(i w_k t),   A_kb complex Gaussian,   E|A_kb|^2 = 2 S(w_k) D(b) dw
+    zeta(t)  = g(t) Re sum_k sum_b A_kb exp(i w_k t),   A_kb complex Gaussian,   E|A_kb|^2 = 2 S(w_k) D_b dw
+    motion   = g(t) Re sum_k sum_b A_kb X(w_k, travel_b(t) - heading) exp(i w_k t)
+    drift    = c Hs^2 g(t)^2 E(t) / mean E,   E(t) = |sum_k sum_b A_kb exp(i w_k t)|^2
 
-S is JONSWAP [Hasselmann1973] scaled to the asked height; D is cos^2 over five headings b, each with phases of its
-own. Wave-frequency motion: the hull follows the water's orbit, averaged over its length L and draught T (deep
-water, w^2 = g k, a = k cos(b) L/2, j0 and j1 the spherical Bessel functions):
+S, D: `mooringdx.physics.waves`; X: `mooringdx.physics.response`; the squared envelope stands for Newman's
+approximation of the slow drift with one coefficient for all frequencies [Newman1974]. g: growth of the sea. A turning
+sea keeps its elevation at the origin; its answers are blended between headings 15 deg apart.
 
-    surge, sway = -i (cos b, sin b) A j0(a) (1 - exp(-kT))/(kT),      yaw = -(6/L) sin b A j1(a) (1 - exp(-kT))/(kT)
-
-It knows no radiation, diffraction or resonance: the size and phase are plausible, not those of one hull.
+A growing sea keeps its period. The answer is for a fixed heading: yawing by more than a spreading angle is not in it.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.special import spherical_jn
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mooringdx.physics.response import closed_form
+from mooringdx.physics.vessel import Hull
+from mooringdx.physics.waves import density, spreading
+from mooringdx.simulate.scenario import Sea
+from mooringdx.simulate.streams import Draw
 from mooringdx.types import Array
 
-GRAVITY = 9.81
-HEADINGS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+DIRECTIONS = 5
+HIGHEST = 8.0  # peak frequencies; 0.03 % of the energy lies above
+BLEND = np.radians(15.0)
 
 
-def jonswap(omega: Array, height: float, peak_period: float, peakedness: float) -> Array:
-    """Return the spectrum on a uniform ``omega``: (n,), rad/s, as (n,), m2 s, whose integral is (height/4)^2."""
-    ratio = np.where(omega > 0.0, omega * peak_period / (2.0 * np.pi), np.nan)
-    width = np.where(ratio <= 1.0, 0.07, 0.09)
-    shape = ratio**-5.0 * np.exp(-1.25 * ratio**-4.0) * peakedness ** np.exp(-((ratio - 1.0) ** 2) / (2.0 * width**2))
-    shape = np.where((ratio > 0.4) & (ratio < 4.0), shape, 0.0)
-    scale = (height / 4.0) ** 2 / (shape.sum() * (omega[1] - omega[0]))
-    return np.asarray(scale * shape)
-
-
-def hull_answer(omega: Array, heading: float, length: float, draught: float) -> Array:
-    """Return surge, sway (m/m) and yaw (rad/m) per wave amplitude, (3, n) complex.
-
-    ``omega``: (n,), rad/s; ``heading``: rad, of the waves' travel from the bow clockwise; ``length``, ``draught``: m.
+@dataclass(frozen=True)
+class Waves:
+    """A record's waves. ``omega``: (m,), rad/s; ``offsets``: (b,), rad about the mean direction;
+    ``amplitude``: (b, m), m; ``first``: the Fourier bin of omega[0]; ``n`` samples cut from a transform of ``size``.
     """
-    k = np.maximum(omega, 1e-6) ** 2 / GRAVITY
-    a = 0.5 * k * np.cos(heading) * length
-    deep = -np.expm1(-k * draught) / (k * draught)
-    shift = -1j * deep * spherical_jn(0, a)
-    yaw = -6.0 / length * np.sin(heading) * deep * spherical_jn(1, a)
-    return np.stack([np.cos(heading) * shift, np.sin(heading) * shift, yaw.astype(complex)])
+
+    omega: Array
+    offsets: Array
+    amplitude: NDArray[np.complex128]
+    first: int
+    n: int
+    size: int
 
 
-def waves(
-    rng: np.random.Generator, n: int, dt: float, spectrum: tuple[float, float, float], heading: float, spread: float,
-    hull: tuple[float, float],
-) -> tuple[Array, Array]:  # fmt: skip
-    """Return wave-frequency motion (n, 3: m, m, rad, body axes) and the squared envelope over its mean, (n,).
+def draw_waves(draw: Draw, n: int, dt: float, sea: Sea) -> Waves:
+    """Return ``n`` samples' worth of the sea, ``dt`` s apart; each direction draws from a stream of its own."""
+    from scipy.fft import next_fast_len
 
-    ``spectrum``: height m, peak period s, peakedness. ``heading``, ``spread``: rad. ``hull``: length, draught, m.
+    size = int(next_fast_len(n + n % 2, real=True))
+    size += size % 2
+    step = 2.0 * np.pi / (size * dt)
+    last = min(size // 2 - 1, int(HIGHEST * 2.0 * np.pi / sea.peak_period / step))
+    first = max(1, int(0.1 * 2.0 * np.pi / sea.peak_period / step))
+    omega = step * np.arange(first, last + 1, dtype=np.float64)
+    spectrum = density(sea.spectrum, omega, sea.height, sea.peak_period, sea.peakedness)
+    offsets, shares = spreading(sea.spread, DIRECTIONS)
+    amplitude = np.empty((offsets.size, omega.size), dtype=np.complex128)
+    for i, share in enumerate(shares):
+        gauss = draw(f"waves {i}").standard_normal((2, omega.size))
+        amplitude[i] = (gauss[0] + 1j * gauss[1]) * np.sqrt(spectrum * share * step)
+    return Waves(omega, offsets, amplitude, first, n, size)
+
+
+def record(waves: Waves, spectrum: NDArray[np.complex128]) -> Array:
+    """Return Re sum_k spectrum_k exp(i w_k t), (..., n), of ``spectrum`` (..., m)."""
+    from scipy.fft import irfft
+
+    full = np.zeros((*spectrum.shape[:-1], waves.size // 2 + 1), dtype=np.complex128)
+    full[..., waves.first : waves.first + waves.omega.size] = spectrum
+    out = irfft(full, waves.size, axis=-1)[..., : waves.n]
+    return np.asarray(out * (waves.size / 2.0), dtype=np.float64)
+
+
+def squared_envelope(waves: Waves) -> Array:
+    """Return the squared envelope of the elevation times 8, (n,), m2: its mean is the squared significant height."""
+    total = waves.amplitude.sum(axis=0)
+    return np.asarray(8.0 * (record(waves, total) ** 2 + record(waves, -1j * total) ** 2))
+
+
+def first_order(waves: Waves, hull: Hull, angle: float, turn: Array) -> Array:
+    """Return surge, sway (m) and yaw (rad) in body axes, (n, 3).
+
+    ``angle``: rad, of the waves' travel from the bow, clockwise; ``turn``: (n,), rad, added to it as the sea turns, or
+    (1,) zero.
     """
-    size = n + n % 2
-    omega: Array = np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, dt), dtype=np.float64)
-    density = jonswap(omega, *spectrum)
-    share = np.cos(0.5 * np.pi * HEADINGS / 1.5) ** 2
-    elevation, motion = np.zeros(omega.size, complex), np.zeros((3, omega.size), complex)
-    for offset, weight in zip(HEADINGS * spread, share / share.sum(), strict=True):
-        gauss = rng.standard_normal((2, omega.size))
-        amplitude = (gauss[0] + 1j * gauss[1]) * np.sqrt(density * weight * (omega[1] - omega[0]))
-        elevation += amplitude
-        motion += amplitude * hull_answer(omega, heading + offset, *hull)
-    analytic = np.fft.ifft(np.concatenate([elevation, np.zeros(size - omega.size)])) * size
-    envelope = np.abs(analytic[:n]) ** 2
-    answer = np.fft.irfft(motion, size, axis=1)[:, :n].T * (size / 2)
-    return np.ascontiguousarray(answer), np.asarray(envelope / envelope.mean())
-
-
-def wander(rng: np.random.Generator, n: int, dt: float, sd: float, memory: float) -> Array:
-    """Return a stationary Ornstein-Uhlenbeck process, (n,), of deviation ``sd``, time constant ``memory`` s."""
-    keep = np.exp(-dt / memory)
-    shocks = rng.standard_normal(n) * sd * np.sqrt(1.0 - keep**2)
-    shocks[0] = sd * rng.standard_normal()
-    out = np.empty(n)
-    level = 0.0
-    for i, shock in enumerate(shocks):
-        level = keep * level + shock
-        out[i] = level
+    low, high = min(0.0, float(turn.min())), max(0.0, float(turn.max()))
+    count = 1 + int(np.ceil((high - low) / BLEND - 1e-9))
+    nodes = np.linspace(low, high, count)
+    out = np.zeros((waves.n, 3))
+    for i, node in enumerate(nodes):
+        spectrum = np.zeros((3, waves.omega.size), dtype=np.complex128)
+        for offset, amplitude in zip(waves.offsets, waves.amplitude, strict=True):
+            spectrum += amplitude * closed_form(hull, waves.omega, angle + node + offset)[[0, 1, 5]]
+        weight = 1.0 if count == 1 else np.interp(turn, nodes, np.eye(count)[i])[:, None]
+        out += weight * record(waves, spectrum).T
     return out
