@@ -14,5 +14,6 @@ FIGURES: dict[str, Plot] = {
     "track": Plot("Track", "track", track.parts, track.draw, track.caption),
     "channels": Plot("Channels", "channels", series.channel_parts, series.channels, series.channel_caption),
     "residuals": Plot("Residuals", "residuals", series.residual_parts, series.residuals, series.residual_caption),
+    "forces": Plot("Forces", "residuals", series.force_parts, series.forces, series.force_caption),
     "whiteness": Plot("Whiteness", "whiteness", whiteness.parts, whiteness.draw, whiteness.caption),
 }

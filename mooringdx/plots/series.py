@@ -88,6 +88,29 @@ def residual_caption(detection: Detection, part: str) -> str:
     )
 
 
+def force_parts(detection: Detection) -> tuple[str, ...]:
+    """Return the parts of the force figures, six forces each; none without a vessel."""
+    return canvas.chunks(detection.forces.names, PANELS) if detection.forces is not None else ()
+
+
+def forces(detection: Detection, part: str) -> Figure:
+    """Draw the balance of forces that tells a line from its sensor."""
+    f = detection.forces
+    assert f is not None
+    index = [f.names.index(name) for name in canvas.chunk(f.names, PANELS, part)]
+    names = [f.names[i] for i in index]
+    return _stack(detection, names, [f.units[i] for i in index], f.values[:, index], f.valid[:, index], True)
+
+
+def force_caption(detection: Detection, _part: str) -> str:
+    """Say what the force figures show."""
+    return (
+        "Force of the surroundings on the vessel: the mean of what its motion gives with the tensions measured and with "
+        "those of intact lines. A lost line moves it away from that line's anchor, a sensor that reads too little "
+        f"towards it, the environment in any direction. {_key(detection)}{_thinned(detection)}"
+    )
+
+
 def _key(detection: Detection) -> str:
     """Explain shading and marks that are in the figure, and only those."""
     grid = detection.channels.grid

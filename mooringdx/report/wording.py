@@ -13,7 +13,7 @@ from mooringdx.types import Detection, Event
 WHAT = {
     "line_lost": "{subject} is lost: it no longer pulls at the fairlead",
     "line_parted_low": "{subject} has parted near its anchor; the hanging part still pulls",
-    "line_weakened": "{subject} has lost part of its buoyancy or stiffness",
+    "line_weakened": "{subject} has lost part of its {mode}",
     "sensor_fault": "the sensor {subject} is wrong{mode}",
     "actuator_fault": "the actuator {subject} does not do what it is told{mode}",
     "mooring_lost": "the mooring is lost: the vessel is adrift",
@@ -103,6 +103,10 @@ def sentence(text: str) -> str:
 def what(event: Event) -> str:
     """Say what an event is, as a clause without stop."""
     mode = "" if event.mode is None else f": {MODE.get(event.mode, event.mode)}"
+    if event.kind == "line_weakened":
+        mode = event.mode or "buoyancy or stiffness"
+    if event.kind == "unknown" and event.subject.startswith("line_"):
+        return f"{event.subject} or its tension sensor changed"
     return cause(event.kind, event.subject, mode)
 
 
@@ -115,12 +119,20 @@ def size(event: Event) -> str:
     """Say how big, with its 95 % interval; empty where no size is known."""
     if event.size is None:
         return ""
+    if event.size_unit.startswith("share"):
+        return _shares(event)
     factor, unit = (1e-3, f"k{event.size_unit}") if _long(event) else (1.0, event.size_unit)
     text = f"{factor * event.size:.4g} {unit}".strip()
     if event.size_interval is None:
         return text
     low, high = event.size_interval
     return f"{text} (95 %: {factor * low:.4g} to {factor * high:.4g})"
+
+
+def _shares(event: Event) -> str:
+    low, high = event.size_interval or (None, None)
+    text = f"{100.0 * (event.size or 0.0):.3g} % of its {event.size_unit.removeprefix('share of ')}"
+    return text if low is None or high is None else f"{text} (95 %: {100.0 * low:.3g} to {100.0 * high:.3g} %)"
 
 
 def _long(event: Event) -> bool:
