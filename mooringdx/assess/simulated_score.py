@@ -1,0 +1,181 @@
+"""Hold what was found in one simulated log against its truth: one answer a fault, a trap, or a healthy log.
+
+The alarm that answers a fault is the first event detected between its onset and ``within`` s later (or the next
+fault's onset); an event before the first onset is a false one. Whatever it is called, it counts as found; its name is
+that of the event, given one detector window after the alarm. A fault that begins while a false alarm stands raises no
+alarm of its own and counts as missed.
+
+    share at t of a fault that grows:   size min(1, (t - onset) / ramp)
+
+Loss at the alarm is that share when the alarm came; the size of the event is held against the share at its sizing,
+two windows after the alarm (the middle of the data that size it).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mooringdx.assess.simulated import Cell, Expect, Walked
+from mooringdx.types import Event
+
+CANNOT_TELL, NOTHING = "cannot tell", "nothing"
+CAUSES = (
+    "line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost", "environment",
+    CANNOT_TELL, NOTHING,
+)  # fmt: skip
+WORDS = {"line_lost": "line parted", "line_parted_low": "line parted low", "environment": "environment"}
+NOT_A_FAULT = ("environment", "moved")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How one fault (``role`` "fault"), trap or healthy log was answered; a field is None where it does not apply.
+
+    ``truth``: row of the confusion table; ``named``: its column. ``branch``: the detector that raised the alarm first.
+    ``told_after``: s from the onset to the name. ``subject_right``: the channel, or a line and its gauge; the kind says
+    which of the two.
+    ``early``: events before the first onset; ``further``: after the one that answers. ``environment``: the event is
+    one, or has it among its rivals. ``discrimination``: d' of the winner against the nearest other cause. ``kinds``: of
+    all events. Times in s, ``size_error`` in shares of the whole or in the event's unit, ``loss`` the share lost at the
+    alarm.
+    """
+
+    cell: str
+    seed: int
+    repeat: int
+    weather: int
+    role: str
+    hours: float
+    truth: str = ""
+    subject: str = ""
+    onset: float | None = None
+    found: bool | None = None
+    delay: float | None = None
+    told_after: float | None = None
+    branch: str = ""
+    named: str = ""
+    kind_right: bool | None = None
+    subject_right: bool | None = None
+    right: bool | None = None
+    probability: float | None = None
+    discrimination: float | None = None
+    size_error: float | None = None
+    onset_error: float | None = None
+    onset_covered: bool | None = None
+    loss: float | None = None
+    early: int = 0
+    further: int = 0
+    environment: bool | None = None
+    kinds: tuple[str, ...] = ()
+    words: str = ""
+    refused: str = ""
+
+
+def answers(cell: Cell, walked: Walked) -> list[Answer]:
+    """Return how one log was answered: one answer a fault, or one for its trap, or one for a healthy log."""
+    faults, traps = walked.truth["faults"], walked.truth["traps"]
+    common: dict[str, Any] = {
+        "cell": cell.name,
+        "seed": walked.seed,
+        "repeat": walked.repeat,
+        "weather": walked.weather,
+        "hours": walked.hours,
+        "kinds": tuple(e.kind for e in walked.events),
+        "words": "; ".join(words(e) for e in walked.events),
+        "refused": walked.refused,
+    }
+    if not faults and not traps:
+        return [Answer(role="healthy", early=len(walked.events), **common)]
+    role, causes = ("fault", faults) if faults else ("trap", traps[:1])
+    causes = sorted(causes, key=lambda c: float(c["onset"]))
+    ends = [float(c["onset"]) for c in causes[1:]] + [math.inf]
+    early = sum(e.detected < float(causes[0]["onset"]) - 1e-6 for e in walked.events)
+    out = []
+    for i, (cause, end) in enumerate(zip(causes, ends, strict=True)):
+        fields = _answer(cell.score, cause, end, walked.events) | {"early": early if i == 0 else 0}
+        out.append(Answer(role=role, truth=cell.score.truth or cause_words(cause), **common, **fields))
+    return out
+
+
+def _answer(score: Expect, cause: Mapping[str, Any], end: float, events: Sequence[Event]) -> dict[str, Any]:
+    """Return the fields of an `Answer` that hold one cause against the events."""
+    onset = float(cause["onset"])
+    until = min(end, math.inf if score.within is None else onset + score.within)
+    later = sorted((e for e in events if onset - 1e-6 <= e.detected < end), key=lambda e: e.detected)
+    head = {"subject": str(cause["subject"]), "onset": onset}
+    if not later or later[0].detected > until:
+        return {**head, "found": False, "named": NOTHING, "further": len(later)}
+    event = later[0]
+    kind = event.kind in (score.kinds or [str(cause["kind"])]) and (not score.modes or event.mode in score.modes)
+    subject = kind if cause["kind"] == "environment" else _same_place(event.subject, score.subject or cause["subject"])
+    told = named(event) != CANNOT_TELL
+    first, last = event.onset_interval
+    discrimination = event.evidence.get("discrimination")
+    return {
+        **head,
+        "found": True,
+        "delay": max(event.detected - onset, 0.0),
+        "told_after": float(event.evidence.get("cause_told") or event.named or event.detected) - onset,
+        "branch": str(event.evidence.get("detector", "")).partition(", ")[0],
+        "named": named(event),
+        "kind_right": kind and told,
+        "subject_right": subject,
+        "right": kind and subject and told,
+        "probability": event.probability,
+        "discrimination": None if discrimination is None else float(discrimination),
+        "size_error": _size_error(score, cause, event),
+        "onset_error": event.onset - onset,
+        "onset_covered": first - 1e-6 <= onset <= last + 1e-6,
+        "loss": share_at(cause, event.detected) if float(cause.get("ramp") or 0.0) > 0.0 else None,
+        "further": len(later) - 1,
+        "environment": event.kind == "environment" or any(r.kind == "environment" for r in event.rivals),
+    }
+
+
+def _same_place(one: str, other: str) -> bool:
+    """Tell whether two subjects are one channel, or a line and its gauge: the kind says which of the two."""
+    bare = [word.removeprefix("line_").removeprefix("tension_") for word in (one, other)]
+    return one == other or (bare[0] == bare[1] and bare[0] != one and bare[1] != other)
+
+
+def named(event: Event) -> str:
+    """Return the column of the confusion table: the kind, or "cannot tell" where rivals of another kind stay level."""
+    level = event.cannot_tell is not None and any(r.kind != event.kind for r in event.rivals)
+    return CANNOT_TELL if event.kind == "unknown" or level else event.kind
+
+
+def share_at(cause: Mapping[str, Any], time: float) -> float:
+    """Return how much of a cause is there at ``time``, s: its size, reached linearly over its ramp."""
+    size, ramp = float(cause.get("size") or 0.0), float(cause.get("ramp") or 0.0)
+    grown = 1.0 if ramp <= 0.0 else min(max((time - float(cause["onset"])) / ramp, 0.0), 1.0)
+    return size * grown
+
+
+def _size_error(score: Expect, cause: Mapping[str, Any], event: Event) -> float | None:
+    """Return size less truth: a share where the plan says what a total loss is; as it stands for a bias or a drift."""
+    if event.size is None or (score.full is None and cause.get("mode") not in ("bias", "drift")):
+        return None
+    window = (event.named or event.detected) - event.detected
+    truth = share_at(cause, event.detected + 2.0 * window)
+    return event.size / (score.full or 1.0) - truth
+
+
+def cause_words(cause: Mapping[str, Any]) -> str:
+    """Return the row of the confusion table: "line parted", "buoyancy lost", "sensor dead", "environment sea_turn"."""
+    kind, mode = str(cause["kind"]), cause.get("mode")
+    if kind == "line_weakened":
+        return f"{mode or 'strength'} lost"
+    word = WORDS.get(kind, kind.removesuffix("_fault").replace("_", " "))
+    return f"{word} {mode}" if mode else word
+
+
+def words(event: Event) -> str:
+    """Return an event in a few words: what, rivals, size, when."""
+    rivals = "".join(f" or {r.kind} {r.subject}" for r in event.rivals)
+    size = "" if event.size is None else f" {event.size:.3g} {event.size_unit}".rstrip()
+    mode = f" {event.mode}" if event.mode else ""
+    cannot = " cannot be told" if event.cannot_tell else ""
+    return f"{event.kind}{mode} {event.subject}{rivals}{size}{cannot} at {event.detected:.1f} s"
