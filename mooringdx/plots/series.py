@@ -105,8 +105,8 @@ def forces(detection: Detection, part: str) -> Figure:
 def force_caption(detection: Detection, _part: str) -> str:
     """Say what the force figures show."""
     return (
-        "Force of the surroundings on the vessel: the mean of what its motion gives with the tensions measured and with "
-        "those of intact lines. A lost line moves it away from that line's anchor, a sensor that reads too little "
+        "Force of the surroundings on the vessel: the mean of what its motion gives with the measured tensions and "
+        "with those of intact lines. A lost line moves it away from that line's anchor, a sensor that reads too little "
         f"towards it, the environment in any direction. {_key(detection)}{_thinned(detection)}"
     )
 

@@ -104,7 +104,7 @@ def what(event: Event) -> str:
     """Say what an event is, as a clause without stop."""
     mode = "" if event.mode is None else f": {MODE.get(event.mode, event.mode)}"
     if event.kind == "line_weakened":
-        mode = event.mode or "buoyancy or stiffness"
+        mode = event.mode or ""
     if event.kind == "unknown" and event.subject.startswith("line_"):
         return f"{event.subject} or its tension sensor changed"
     return cause(event.kind, event.subject, mode)
@@ -112,6 +112,8 @@ def what(event: Event) -> str:
 
 def cause(kind: str, subject: str, mode: str = "") -> str:
     """Say a kind of event about a subject as a clause."""
+    if kind == "line_weakened" and not mode:
+        mode = "buoyancy or stiffness"
     return WHAT.get(kind, kind.replace("_", " ") + " of {subject}{mode}").format(subject=subject, mode=mode)
 
 

@@ -14,9 +14,11 @@ import numpy as np
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
 from mooringdx.registry import did_you_mean, resolve
+from mooringdx.residuals.force_balance import ForceBalance
 from mooringdx.residuals.learned import Learned
 from mooringdx.residuals.parity import Parity
 from mooringdx.residuals.position import Position
+from mooringdx.residuals.tension import Tension
 from mooringdx.residuals.training import Training
 from mooringdx.types import Channels, Fault, Residuals, Signatures
 
@@ -24,6 +26,8 @@ GENERATORS: Mapping[str, Any] = {
     "parity": Parity,
     "learned": Learned,
     "position": Position,
+    "tension": Tension,
+    "force_balance": ForceBalance,
 }
 
 
@@ -65,7 +69,7 @@ class Stack:
         for part in body["parts"]:
             rest = {key: value for key, value in part.items() if key != "generator"}
             parts.append(resolve(part["generator"], GENERATORS, "residual generator").from_dict(rest))
-        witness = None if body["witness"] is None else GENERATORS["force_balance"].from_dict(body["witness"])
+        witness = None if body["witness"] is None else ForceBalance.from_dict(body["witness"])
         return cls(tuple(parts), tuple(body["faults"]), witness)
 
 
