@@ -26,7 +26,7 @@ from mooringdx.types import Array
 WATER = 1025.0  # kg/m3
 STRIPS = 8
 NEVER = 2**62
-GRID = 12  # steps of a weakening between intact and its size
+LEVELS = 12  # tables between intact and the size of a weakening that grows; one that comes at once needs none
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _lines(
             if fault.kind == "line_weakened":
                 stack = _weakened(own, fault)
                 levels = np.tile(levels, (time.size, 1)) if len(levels) == 1 else levels
-                levels[:, j] = GRID * grown(time, fault)
+                levels[:, j] = (len(stack[0]) - 1) * grown(time, fault)
         stacks.append(stack)
         grids.append((intact.start, intact.step))
         slides.append(_slide(own, intact, j, faults))
@@ -155,7 +155,8 @@ def _lines(
 
 def _weakened(vessel: VesselModel, fault: Failure) -> tuple[Array, Array]:
     kind: Damage = "buoyancy" if fault.mode == "buoyancy" else "stiffness"
-    return fault_tables(vessel, kind, [float(x) for x in np.linspace(0.0, fault.size, GRID + 1)])
+    count = LEVELS if fault.ramp > 0.0 else 1
+    return fault_tables(vessel, kind, [float(x) for x in np.linspace(0.0, fault.size, count + 1)])
 
 
 def _padded(stack: Array, deepest: int) -> Array:
