@@ -13,15 +13,18 @@ Not seen: bending, drag and inertia of the line, snap loads, a sloping seabed, f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any
 
 import numpy as np
 
 from mooringdx.errors import ConfigError, FitError
 from mooringdx.physics.vessel import Section
-from mooringdx.types import Array, locked
+from mooringdx.types import Array, Mask, locked, replace
 
 STRETCH = 1.25  # a line asked to stretch more than this is not a line any longer
 ROUNDS = 60
@@ -49,7 +52,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class Ends:
-    """One section's ends: (2,) forces of the section on its lower and upper end, N; (2, 2) stiffness matrices, N/m."""
+    """One section's ends: (2,) forces of the section on its lower and upper end, N; (2, 2) stiffness matrices, N/m.
+
+    ``bottom``: length on the seabed, m. ``rough``: the section is a weightless straight line, for want of a catenary.
+    """
 
     lower: Array
     upper: Array
@@ -57,6 +63,7 @@ class Ends:
     stiff_upper: Array
     stiff_cross: Array
     bottom: float
+    rough: bool
 
 
 def catenary(
@@ -71,14 +78,38 @@ def catenary(
     from moorpy.helpers import CatenaryError
 
     x, z = float(span[0]), float(span[1])
-    try:
-        ax, az, bx, bz, info = moorpy_catenary(
-            x, z, length, stiffness, weight, CB=seabed, HF0=guess[0], VF0=guess[1], Tol=1e-9 * length, MaxIter=100
+    if x < 0.0 or z + max(0.0, -seabed) < -1e-9 * length or min(length, stiffness) <= 0.0:
+        raise FitError(
+            f"no catenary of {length:g} m, EA {stiffness:g} N, over {x:g} by {z:g} m; it would be under ground"
         )
-    except (CatenaryError, ValueError, ZeroDivisionError, FloatingPointError) as error:
+    try:
+        with _unattended():
+            ax, az, bx, bz, info = moorpy_catenary(
+                x, z, length, stiffness, weight, CB=seabed, HF0=guess[0], VF0=guess[1], Tol=1e-9 * length, MaxIter=100
+            )
+    except (CatenaryError, ArithmeticError, ValueError) as error:
         raise FitError(f"no catenary of {length:g} m over {x:g} by {z:g} m: {error}") from None
-    stiff = [np.array(info[key]) for key in ("stiffnessA", "stiffnessB", "stiffnessBA")]
-    return Ends(np.array([ax, az]), np.array([bx, bz]), *stiff, float(info["LBot"]))
+    lower, upper, cross = (np.array(info[key]) for key in ("stiffnessA", "stiffnessB", "stiffnessBA"))
+    if info["ProfileType"] in (2, 3):  # lower end on the seabed: only its x matters, and it matters as the upper end's
+        cross = np.column_stack([-upper[:, 0], np.zeros(2)])  # MoorPy leaves the second entry out
+    rough = info["ProfileType"] in (-1, -2)
+    return Ends(np.array([ax, az]), np.array([bx, bz]), lower, upper, cross, float(info["LBot"]), rough)
+
+
+@contextmanager
+def _unattended() -> Iterator[None]:
+    """Let nothing that MoorPy does stop a batch: no debugger, no text on the terminal, no warnings of numpy."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise ArithmeticError("MoorPy would stop in a debugger")
+
+    before = sys.breakpointhook
+    sys.breakpointhook = refuse
+    try:
+        with redirect_stdout(StringIO()), np.errstate(all="ignore"):
+            yield
+    finally:
+        sys.breakpointhook = before
 
 
 def solve(
@@ -90,26 +121,11 @@ def solve(
     Raise FitError when the line is too short to reach or no equilibrium is found.
     """
     _check(sections, depth, distance)
-    free = len(sections) - 1
-    joints = _first_joints(sections, depth, distance) if start is None else np.array(start.joints)
-    joints = _inside(joints, distance)
-    ends, residual, held = _balance(sections, joints, depth, distance, friction)
-    scale = sum(s.weight * s.length for s in sections)
-    for _ in range(ROUNDS):
-        if free == 0 or np.max(np.abs(residual)) < 1e-9 * scale:
-            return _shape(ends, joints)
-        step = _newton(ends, residual, held)
-        joints, ends, residual, held, moved = _search(
-            sections, joints, step, residual, (depth, distance, friction), ends, held
-        )
-        if moved < 1e-11 * sum(s.length for s in sections):
-            break
-    if np.max(np.abs(residual)) < 1e-5 * scale:
-        return _shape(ends, joints)
-    raise FitError(
-        f"no equilibrium of the line at {distance:g} m from its anchor (depth {depth:g} m): "
-        f"{np.max(np.abs(residual)):.2g} N out of balance at a joint; check the sections' lengths, weights and buoys"
-    )
+    try:
+        joints = _first_joints(sections, depth, distance) if start is None else start.joints
+        return _settled(sections, joints, (depth, distance, friction))
+    except FitError:
+        return _from_taut(sections, (depth, distance, friction))
 
 
 def tabulate(
@@ -121,21 +137,33 @@ def tabulate(
     """
     distances = np.asarray(distances, dtype=np.float64)
     first = int(np.argmin(np.abs(distances - (np.median(distances) if middle is None else middle))))
+    start = solve(sections, depth, float(distances[first]), friction)
     out = np.zeros((2, distances.size))
-    shape = here = solve(sections, depth, float(distances[first]), friction)
-    out[:, first] = shape.horizontal, shape.tension
-    for i in range(first + 1, distances.size):
-        shape = _continued(sections, depth, float(distances[i]), friction, shape)
-        out[:, i] = shape.horizontal, shape.tension
-    shape = here
-    for i in range(first - 1, -1, -1):
-        try:
-            shape = _continued(sections, depth, float(distances[i]), friction, shape)
-        except FitError:
-            out[:, : i + 1] = out[:, i + 1 : i + 2]
-            break
-        out[:, i] = shape.horizontal, shape.tension
+    out[:, first] = start.horizontal, start.tension
+    for way in (range(first + 1, distances.size), range(first - 1, -1, -1)):
+        known = [(float(distances[first]), start)]
+        for i in way:
+            try:
+                shape = follow(sections, depth, float(distances[i]), friction, known)
+            except FitError:
+                if i > first:
+                    raise
+                out[:, : i + 1] = out[:, i + 1 : i + 2]
+                break
+            known = [known[-1], (float(distances[i]), shape)]
+            out[:, i] = shape.horizontal, shape.tension
     return out[0], out[1]
+
+
+def follow(
+    sections: Sequence[Section], depth: float, distance: float, friction: float, known: Sequence[tuple[float, Shape]]
+) -> Shape:
+    """Return `solve` with the joints carried on from the last one or two ``known`` distances and shapes."""
+    start = known[-1][1]
+    if len(known) > 1:
+        (x0, older), (x1, last) = known[-2:]
+        start = replace(last, joints=last.joints + (last.joints - older.joints) * (distance - x1) / (x1 - x0))
+    return solve(sections, depth, distance, friction, start)
 
 
 def deprived(sections: Sequence[Section], buoyancy: float = 0.0, stiffness: float = 0.0) -> tuple[Section, ...]:
@@ -171,11 +199,45 @@ def _check(sections: Sequence[Section], depth: float, distance: float) -> None:
         )
 
 
-def _continued(sections: Sequence[Section], depth: float, distance: float, friction: float, start: Shape) -> Shape:
-    try:
-        return solve(sections, depth, distance, friction, start)
-    except FitError:
-        return solve(sections, depth, distance, friction)
+def _settled(sections: Sequence[Section], joints: Array, place: tuple[float, float, float]) -> Shape:
+    """Return the equilibrium that Newton's method finds from ``joints``; FitError without."""
+    state = _balance(sections, _inside(joints, place[1]), place)
+    scale = sum(s.weight * s.length for s in sections)
+    for _ in range(ROUNDS):
+        after = None if state.left <= 1e-9 * scale else _search(sections, state, place)
+        if after is None:
+            break
+        state = after
+    if not state.left <= 1e-5 * scale or any(e.rough for e in state.ends):
+        raise FitError(
+            f"no equilibrium of the line at {place[1]:g} m from its anchor (depth {place[0]:g} m): {state.left:.2g} N "
+            "out of balance at a joint; check the sections' lengths, weights and buoys, or ask a smaller distance"
+        )
+    return _shape(state)
+
+
+def _from_taut(sections: Sequence[Section], place: tuple[float, float, float]) -> Shape:
+    """Return the equilibrium by paying out from a straight line, whose joints are known, to the distance asked for."""
+    depth, distance, friction = place
+    length = sum(s.length for s in sections)
+    taut = float(np.sqrt(max(length**2 - depth**2, 0.0)))
+    shares = np.cumsum([s.length for s in sections])[:-1, None] / length
+    joints = older = shares * np.array([taut, depth])
+    if distance >= taut or len(sections) == 1:
+        return _settled(sections, shares * np.array([distance, depth]), place)
+    x, step = taut, (taut - distance) / 16.0
+    shape = _settled(sections, joints, (depth, taut, friction))
+    while x > distance:
+        to = max(x - step, distance)
+        try:
+            shape = _settled(sections, 2.0 * joints - older, (depth, to, friction))
+        except FitError:
+            older, step = joints, step / 2.0
+            if step < 1e-4 * (taut - distance):
+                raise
+            continue
+        x, older, joints = to, joints, shape.joints
+    return shape
 
 
 def _first_joints(sections: Sequence[Section], depth: float, distance: float) -> Array:
@@ -207,71 +269,73 @@ def _inside(joints: Array, distance: float) -> Array:
     return out
 
 
-def _balance(
-    sections: Sequence[Section], joints: Array, depth: float, distance: float, friction: float
-) -> tuple[list[Ends], Array, Array]:
-    """Return the sections' ends, the force left over at each joint (n - 1, 2), N, and which coordinates are held."""
-    places = np.vstack([np.zeros((1, 2)), joints, [[distance, depth]]])
+@dataclass(frozen=True)
+class _State:
+    """A guess: the sections' ends, the joints (n - 1, 2), m, and the force left over there, N, zero where held."""
+
+    joints: Array
+    ends: list[Ends]
+    residual: Array
+    held: Mask
+
+    @property
+    def left(self) -> float:
+        return float(np.linalg.norm(self.residual))
+
+
+def _balance(sections: Sequence[Section], joints: Array, place: tuple[float, float, float]) -> _State:
+    """Return the forces left over at ``joints`` for a ``place``: depth, distance, friction."""
+    depth, distance, friction = place
+    points = np.vstack([np.zeros((1, 2)), joints, [[distance, depth]]])
     ends = []
     for i, s in enumerate(sections):
-        seabed = friction if i == 0 else -places[i, 1]
-        span = (places[i + 1, 0] - places[i, 0], places[i + 1, 1] - places[i, 1])
-        ends.append(catenary(span, s.length, s.weight, s.stiffness, seabed))
-    residual = np.array([ends[i].upper + ends[i + 1].lower + [0.0, sections[i].buoy] for i in range(len(joints))])
-    residual = residual.reshape(-1, 2)
+        x, z = points[i + 1] - points[i]
+        ends.append(catenary((x, z), s.length, s.weight, s.stiffness, friction if i == 0 else -points[i, 1]))
+    residual = np.zeros((len(joints), 2))
+    for i in range(len(joints)):
+        residual[i] = ends[i].upper + ends[i + 1].lower + np.array([0.0, sections[i].buoy])
     held = np.zeros(residual.shape, dtype=bool)
-    held[:, 1] = (joints[:, 1] <= 0.0) & (residual[:, 1] < 0.0)
+    held[:, 1] = (joints[:, 1] <= 0.0) & (residual[:, 1] <= 0.0)
     residual[held] = 0.0
-    return ends, residual, held
+    return _State(joints, ends, residual, held)
 
 
-def _newton(ends: list[Ends], residual: Array, held: Array) -> Array:
+def _newton(state: _State) -> Array:
     """Return the step of the joints, (n - 1, 2), m, that the stiffness matrices ask for."""
-    n = len(residual)
+    n = len(state.joints)
     k = np.zeros((2 * n, 2 * n))
     for i in range(n):
-        a = slice(2 * i, 2 * i + 2)
-        k[a, a] = ends[i].stiff_upper + ends[i + 1].stiff_lower
+        here = slice(2 * i, 2 * i + 2)
+        k[here, here] = state.ends[i].stiff_upper + state.ends[i + 1].stiff_lower
         if i + 1 < n:
-            b = slice(2 * i + 2, 2 * i + 4)
-            k[b, a] = ends[i + 1].stiff_cross
-            k[a, b] = ends[i + 1].stiff_cross.T
-    flat = held.ravel()
-    k[flat, :] = 0.0
-    k[:, flat] = 0.0
-    k[flat, flat] = 1.0
+            above = slice(2 * i + 2, 2 * i + 4)
+            k[above, here] = state.ends[i + 1].stiff_cross
+            k[here, above] = state.ends[i + 1].stiff_cross.T
+    held = state.held.ravel()
+    k[held, :] = 0.0
+    k[:, held] = 0.0
+    k[held, held] = 1.0
     k += 1e-9 * np.max(np.diag(k)) * np.eye(2 * n)
-    return np.asarray(np.linalg.solve(k, residual.ravel()).reshape(n, 2))
+    return np.asarray(np.linalg.solve(k, state.residual.ravel()).reshape(n, 2))
 
 
-def _search(
-    sections: Sequence[Section],
-    joints: Array,
-    step: Array,
-    residual: Array,
-    place: tuple[float, float, float],
-    ends: list[Ends],
-    held: Array,
-) -> tuple[Array, list[Ends], Array, Array, float]:
-    """Return the joints after the longest halved ``step`` that brings the forces nearer to balance."""
-    before = float(np.linalg.norm(residual))
-    limit = 0.2 * place[1]
-    step = step * min(1.0, limit / max(float(np.max(np.abs(step))), 1e-300))
+def _search(sections: Sequence[Section], state: _State, place: tuple[float, float, float]) -> _State | None:
+    """Return the state after the longest halved Newton step that brings the forces nearer to balance, None without."""
+    step = _newton(state)
+    step = step * min(1.0, 0.2 * place[1] / max(float(np.max(np.abs(step))), 1e-300))
     for _ in range(30):
-        trial = _inside(joints + step, place[1])
         try:
-            found = _balance(sections, trial, *place)
+            trial = _balance(sections, _inside(state.joints + step, place[1]), place)
         except FitError:
-            step = step / 2.0
-            continue
-        if np.linalg.norm(found[1]) < before:
-            return trial, *found, float(np.max(np.abs(trial - joints)))
+            trial = state
+        if trial.left < state.left:
+            return trial
         step = step / 2.0
-    return joints, ends, residual, held, 0.0
+    return None
 
 
-def _shape(ends: list[Ends], joints: Array) -> Shape:
-    top, low = -ends[-1].upper, ends[0].lower
+def _shape(state: _State) -> Shape:
+    top, low = -state.ends[-1].upper, state.ends[0].lower
     return Shape(
         horizontal=float(top[0]),
         vertical=float(top[1]),
@@ -279,6 +343,6 @@ def _shape(ends: list[Ends], joints: Array) -> Shape:
         anchor_horizontal=float(low[0]),
         anchor_vertical=float(low[1]),
         anchor_tension=float(np.hypot(*low)),
-        bottom=float(sum(e.bottom for e in ends)),
-        joints=joints,
+        bottom=float(sum(e.bottom for e in state.ends)),
+        joints=state.joints,
     )

@@ -83,16 +83,17 @@ class Mooring:
         return replace(self, horizontal=h, tension=t)
 
 
-def equilibrium(mooring: Mooring, load: Array, start: Array) -> Array:
+def equilibrium(mooring: Mooring, load: Array, start: Array, hold_heading: bool = False) -> Array:
     """Return where the lines hold a constant ``load`` (3,), N, N, N m, earth axes: eta, (3,), found from ``start``.
 
-    A minimum of energy - load . eta, so it is stable; an axis that nothing holds or loads stays where it started.
+    A minimum of energy - load . eta, so it is stable: a vessel on a turret swings until the load points away from the
+    turret, unless ``hold_heading`` keeps the heading of ``start``. What nothing holds or loads stays where it started.
     Raise FitError when the lines cannot hold the load.
     """
     eta, load = np.array(start, dtype=np.float64), np.asarray(load, dtype=np.float64)
     reach = float(np.mean(reaches(eta, mooring.fairleads, mooring.anchors)[0]))
     lever = max(float(np.max(np.abs(mooring.fairleads), initial=0.0)), 1e-3 * reach)
-    unit = np.array([1.0, 1.0, 1.0 / lever])  # coordinates in m: the yaw's is an arc
+    unit = np.array([1.0, 1.0, 0.0 if hold_heading else 1.0 / lever])  # coordinates in m: the yaw's is an arc
     limit = 0.02 * reach
     enough = 1e-9 * float(
         np.linalg.norm(unit * load) + np.sum(mooring.pulls(eta)[0]) + np.max(mooring.horizontal[:, 0])

@@ -19,7 +19,7 @@ import numpy as np
 
 from mooringdx.errors import ConfigError
 from mooringdx.physics.frames import rotation
-from mooringdx.physics.line import deprived, solve, tabulate
+from mooringdx.physics.line import deprived, follow, solve, tabulate
 from mooringdx.physics.mooring import Mooring
 from mooringdx.physics.vessel import MooringModel, VesselModel
 from mooringdx.types import Array, locked
@@ -148,12 +148,13 @@ def _knots(body: str, points: int) -> tuple[Array, Array, Array]:
     here = solve(m.sections, m.depth, far, m.friction)
     rows = []
     for sign in (1.0, -1.0):
-        x, shape, step = far, here, sign * 1e-3 * (far - floor)
-        while (shape.tension < TAUT * here.tension) if sign > 0 else (x > floor):
-            x = x + step if sign > 0 else max(x + step, floor)
-            before, shape = shape, solve(m.sections, m.depth, x, m.friction, shape)
+        known, step = [(far, here)], sign * 1e-3 * (far - floor)
+        while (known[-1][1].tension < TAUT * here.tension) if sign > 0 else (known[-1][0] > floor):
+            x = max(known[-1][0] + step, floor)
+            shape = follow(m.sections, m.depth, x, m.friction, known)
             rows.append((x, shape.horizontal, shape.tension))
-            slope = max((shape.horizontal - before.horizontal) / step, 1e-300)
+            slope = max((shape.horizontal - known[-1][1].horizontal) / (x - known[-1][0]), 1e-300)
+            known = [known[-1], (x, shape)]
             step = sign * min(9.0 / points * shape.horizontal / slope, (far - floor) / 20.0)
     rows.append((far, here.horizontal, here.tension))
     out = np.array(sorted(rows))
