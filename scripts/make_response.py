@@ -18,6 +18,7 @@ import argparse
 import csv
 import itertools
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from mooringdx.physics.waves import GRAVITY
 
 Floats = NDArray[np.float64]
 DENSITY = 1025.0
+OMEGA = ("0.1:0.3:0.05", "0.3:0.8:0.02", "0.8:1.5:0.05")  # close together where roll resonates
 TURN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # capytaine has y to port and z up: half a turn about x
 
 
@@ -138,6 +140,15 @@ def write(path: Path, head: list[str], omega: Floats, heading: Floats, answer: N
                     table.writerow([f"{frequency:g}", f"{np.degrees(angle):g}", dof, size, phase])
 
 
+def frequencies(pieces: Sequence[str]) -> Floats:
+    """Return the frequencies of pieces ``first:last:step``, (w,), rad/s, each once."""
+    parts = []
+    for piece in pieces:
+        first, last, step = (float(word) for word in piece.split(":"))
+        parts.append(np.arange(first, last + step / 2.0, step))
+    return np.unique(np.concatenate(parts).round(4))
+
+
 def options() -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -148,8 +159,8 @@ def options() -> argparse.Namespace:
     parser.add_argument("--radii", type=float, nargs=3, default=(0.37, 0.27, 0.27), help="roll/B, pitch/L, yaw/L")
     parser.add_argument("--roll-damping", type=float, default=0.05, help="share of the critical")
     parser.add_argument("--panel", type=float, default=5.0, help="length of a panel, m")
-    parser.add_argument("--omega", type=float, nargs=3, default=(0.1, 1.5, 36), help="first, last, count")
-    parser.add_argument("--step", type=float, default=15.0, help="between headings, deg")
+    parser.add_argument("--omega", nargs="+", default=OMEGA, help="first:last:step, rad/s; several pieces join")
+    parser.add_argument("--step", type=float, default=7.5, help="between headings, deg")
     return parser.parse_args()
 
 
@@ -160,7 +171,7 @@ def main() -> None:
     logging.getLogger("capytaine").setLevel(logging.ERROR)
     ask = options()
     model = load_vessel(ask.vessel)
-    omega = np.linspace(ask.omega[0], ask.omega[1], int(ask.omega[2])).round(4)
+    omega = frequencies(ask.omega)
     heading = np.radians(np.arange(0.0, 180.0 + ask.step / 2.0, ask.step))
     panels = starboard_panels(model.hull, ask.bilge, ask.panel)
     body = floating(panels, ask.centre, model.hull.draught, ask.panel)
