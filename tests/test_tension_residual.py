@@ -228,3 +228,60 @@ def test_what_is_missing_is_said_in_a_sentence() -> None:
         out.share("line_7", 0.1, 0.1, out.distances(log))
     with pytest.raises(ConfigError, match="no 'heading'"):
         out(blind)
+
+
+def test_a_window_without_a_place_is_judged_at_the_middle_of_the_no_fault_places() -> None:
+    place = places(3000, 1)
+    out = fitted("none", channels(np.column_stack([place, made(place)])))
+    unknown = np.full((50, 6), np.nan)
+    assert out.share("line_4", 1.2655, 0.01, unknown)[0] == pytest.approx(1.0, abs=0.01)
+    assert out.kind("line_4", -3.9, 0.01, unknown) == "line_lost"
+
+
+@cache
+def _simulated(seed: int, fault: str) -> Channels:
+    """Return the log of a rig that departs from its file, with one fault or trap at 900 s."""
+    from mooringdx.simulate import simulate
+    from mooringdx.simulate.scenario import Scenario
+
+    rig = {"weight": 0.05, "anchors": 0.015, "gain": 0.008, "damping": 0.15, "inertia": 0.05, "wind": -0.1}
+    body: dict[str, Any] = {"model": _body(), "rig": rig, "record": {"duration": 1020.0, "settle": 60.0}}
+    if fault == "buoyancy":
+        entry = {"kind": "line_weakened", "subject": "line_4", "mode": "buoyancy", "onset": 900.0, "size": 1.0}
+        body["faults"] = [entry]
+    else:
+        body["traps"] = [{"kind": "environment", "mode": "sea_growth", "onset": 900.0, "ramp": 20.0, "size": 1.5}]
+    raw = simulate(validate(Scenario, body, Path("s.toml")), seed)[0]
+    columns = [np.asarray(raw.signals[n].values) for n in NAMES]
+    columns[2] = np.radians(columns[2])
+    moved = np.array([*ORIGIN, 0.0])
+    return channels(np.column_stack(columns) + np.array([*moved, *np.zeros(6)]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_on_a_rig_off_its_file_the_share_is_right_within_three_per_cent_after_45_s(seed: int) -> None:
+    log = _simulated(seed, "buoyancy")
+    for calibrate in ("linear", "dynamic"):
+        out = Tension.fit([Training(log, (slice(0, 8000),))], asked(calibrate))
+        values = out(log).values
+        window = slice(9150, 9450)
+        still = np.nanmean(values[100:8000], axis=0)
+        change = values[window].mean(axis=0) - still
+        share, low, high = out.share("line_4", float(change[3]), 0.01, out.distances(log)[window])
+        assert share == pytest.approx(1.0, abs=0.03)
+        assert low < high
+        assert np.abs(np.delete(change, 3)).max() < 0.03
+
+
+@pytest.mark.slow
+def test_a_rougher_sea_moves_the_calibrated_residual_less_than_the_plain_one() -> None:
+    log = _simulated(1, "sea")
+    spread, mean = {}, {}
+    for calibrate in ("none", "dynamic"):
+        out = Tension.fit([Training(log, (slice(0, 8000),))], asked(calibrate))
+        values = out(log).values
+        spread[calibrate] = values[9200:].std(axis=0)
+        mean[calibrate] = np.abs(values[9200:].mean(axis=0) - values[100:8000].mean(axis=0)).max()
+    assert np.all(spread["dynamic"] < 0.5 * spread["none"])
+    assert mean["dynamic"] < 0.005

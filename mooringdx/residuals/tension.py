@@ -14,8 +14,8 @@ while they were learned, which free slopes along north, east and heading do not.
 a line that lies across the motion; so the normal equations weigh with T at the mean of the distances one sample before
 and after, whose noise is another (instrumental variables). c, q: drag on the line. u is the slope of a straight line
 through 2 h + 1 distances; all of r is then h samples late, because a filter of the speed alone would be out of step
-with the waves, and the gain would make up for it, wrongly. h is what leaves least on the no-fault window; drag that takes
-out under 3 % is left out, and the delay with it.
+with the waves, and the gain would make up for it, wrongly. h is what leaves least on the no-fault window; drag that
+takes out under 3 % is left out, and the delay with it.
 
 Signatures, v = change of measured minus intact tension, N: line j and its sensor both move r_j by v (one class here:
 the force balance tells them apart), a wrong north, east or heading by -dT_j/dx. After a real fault the vessel also
@@ -34,27 +34,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError, FitError
-from mooringdx.physics.mooring import Mooring, lookup, reaches
+from mooringdx.physics.mooring import Mooring
 from mooringdx.physics.rig import fault_tables, mooring_of
 from mooringdx.physics.vessel import VesselModel, vessel
 from mooringdx.registry import did_you_mean
+from mooringdx.residuals import statics
 from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, line_tensions, pooled
 from mooringdx.types import Array, Channels, Fault, Mask, Residuals, Signatures, locked, replace
 
 AXES = ("north", "east", "heading")
-PARTED = 0.10
-"""Share of the model's tension under which a line has parted at its fairlead: less than what hangs from it pulls."""
-SLIGHT = 0.85
-"""Share above which a fall is not called a line parted near its anchor: that takes at least 0.3 of the tension."""
 
 _WIDEST = 8  # samples on either side that a speed is taken over
 _WORTH = 0.97  # drag stays when it leaves less than this share of the residual's sd
-_GAIN = 0.1  # sd that the gain has before the log says anything: it tames a vessel that hardly moved
-_BLOCKS = 40  # whose means say how far neighbours are alike
 _ROWS_PER_COEFFICIENT = 20
 
 
@@ -133,14 +127,14 @@ class Tension:
         measured = np.column_stack([_column(channels, channel) for _, channel in self.lines])
         speed = np.zeros_like(distance)
         if self.half:
-            speed = _late_slope(distance, self.half) / self.sample_time
-            distance, measured = _late(distance, self.half), _late(measured, self.half)
+            speed = statics.late_slope(distance, self.half) / self.sample_time
+            distance, measured = statics.late(distance, self.half), statics.late(measured, self.half)
         return measured, distance, speed
 
     def distances(self, channels: Channels) -> Array:
         """Return the horizontal distance from each fairlead to its anchor, (n, lines), m; NaN where unknown."""
         eta = np.column_stack([_column(channels, axis) for axis in AXES]) - [*self.origin, 0.0]
-        return _distances(eta, self.fairleads, self.anchors)
+        return statics.distances(eta, self.fairleads, self.anchors)
 
     def expected(self, distance: Array, speed: Array) -> Array:
         """Return the tension of the intact, calibrated line, N, at (n, lines) distances, m, and rates, m/s."""
@@ -151,7 +145,7 @@ class Tension:
 
     def static(self, distance: Array) -> Array:
         """Return the tension of the intact line by its table, N, at (n, lines) distances, m."""
-        return _tabled(self.start, self.step, self.tables[0], distance)
+        return statics.tabled(self.start, self.step, self.tables[0], distance)
 
     def slopes(self) -> Array:
         """Return dT_j by north, east (N/m) and heading (N/rad) at the middle of the no-fault places, (lines, 3)."""
@@ -160,7 +154,7 @@ class Tension:
             delta = np.zeros(3)
             delta[i] = width
             pair = np.array([self.centre - delta, self.centre + delta])
-            distance = _distances(pair, self.fairleads, self.anchors)
+            distance = statics.distances(pair, self.fairleads, self.anchors)
             low, high = self.expected(distance, np.zeros_like(distance))
             out[:, i] = (high - low) / (2.0 * width)
         return out
@@ -169,7 +163,7 @@ class Tension:
         """Return *line lost*, *buoy lost*, *sensor wrong* for each line, a wrong place, and the environment."""
         n, slopes = len(self.lines), self.slopes()
         carried = SIGNATURE_ERROR * np.abs(slopes[:, :2] @ self.response.T)
-        full = self.changes(_distances(self.centre[None], self.fairleads, self.anchors))
+        full = self.changes(statics.distances(self.centre[None], self.fairleads, self.anchors))
         found: list[tuple[Fault, Array, Array, str, float, float]] = []
         for j, (line, channel) in enumerate(self.lines):
             row, zero = np.eye(n)[j], np.zeros(n)
@@ -194,16 +188,14 @@ class Tension:
 
     def changes(self, distance: Array) -> Array:
         """Return the mean change of tension at each level of buoyancy lost, (levels, lines), N, over ``distance``."""
-        good = distance[np.isfinite(distance).all(axis=1)]
-        tensions = np.array([_tabled(self.start, self.step, table, good) for table in self.tables])
-        return np.asarray((tensions - tensions[0]).mean(axis=1))
+        return statics.changes(self.start, self.step, self.tables, self._known(distance))
 
     def share(self, line: str, change: float, sd: float, distance: Array) -> tuple[float, float, float]:
         """Return the share of buoyancy lost that explains a mean ``change`` of a line's residual, with 95 % limits.
 
         Parameters
         ----------
-        change : N, window mean of the residual less its no-fault mean; sd : N, of that mean, calibration included.
+        change, sd : N, window mean of the residual less its no-fault mean, and the sd of that.
         distance : (m, lines), m, `distances` over the same window.
 
         1 is a buoy without lift, more is one that takes water; outside the tables the nearest end is given. Raises
@@ -213,24 +205,18 @@ class Tension:
             raise ConfigError(
                 f"'{line}' has no buoy in the vessel file, so no share of one is lost; give sections buoy"
             )
-        curve = self.changes(distance)[:, self._row(line)]
-        low, middle, high = (_inverse(self.levels, curve, change + k * sd) for k in (-1.96, 0.0, 1.96))
-        return middle, low, high
+        return statics.share_of_loss(self.levels, self.changes(distance)[:, self._row(line)], change, sd)
 
     def kind(self, line: str, change: float, sd: float, distance: Array) -> str:
-        """Return what a mean ``change`` of a line's tension says of the line, were it no fault of its sensor.
+        """Return what a mean ``change`` says of a line, see `statics.kind_of_change`; arguments as for `share`."""
+        good = self._known(distance)
+        model = float(self.expected(good, np.zeros_like(good))[:, self._row(line)].mean())
+        return statics.kind_of_change(change, sd, model, self.parted)
 
-        Under PARTED of the model's tension line_lost (a break at the fairlead leaves only what hangs from it); under
-        SLIGHT, by 2 ``sd``, line_parted_low (a break near the anchor leaves what slides over the seabed); a rise or a
-        slight fall line_weakened. Arguments as for `share`.
-        """
-        row = self._row(line)
+    def _known(self, distance: Array) -> Array:
+        """Return the distances without gaps; where none is known, that at the middle of the no-fault places."""
         good = distance[np.isfinite(distance).all(axis=1)]
-        model = float(self.expected(good, np.zeros_like(good))[:, row].mean())
-        left = model + change
-        if left < max(PARTED * model, self.parted):
-            return "line_lost"
-        return "line_parted_low" if left + 2.0 * sd < SLIGHT * model else "line_weakened"
+        return good if len(good) else statics.distances(self.centre[None], self.fairleads, self.anchors)
 
     def _row(self, line: str) -> int:
         names = [name for name, _ in self.lines]
@@ -245,18 +231,7 @@ class Tension:
     @classmethod
     def from_dict(cls, body: Mapping[str, Any]) -> Tension:
         """Rebuild what `to_dict` gave."""
-        arrays = {
-            "origin",
-            "anchors",
-            "fairleads",
-            "levels",
-            "tables",
-            "coefficients",
-            "centre",
-            "reference",
-            "response",
-        }
-        fields = {k: locked(v) if k in arrays else v for k, v in body.items()}
+        fields = {k: locked(v) if isinstance(v, list) and k != "lines" else v for k, v in body.items()}
         fields["lines"] = tuple((line, channel) for line, channel in fields["lines"])
         return cls(**fields)
 
@@ -337,15 +312,8 @@ def _learned(plain: Tension, training: Sequence[Training], terms: int) -> tuple[
         )
     rest = measured - plain.expected(distance, speed)
     static, beside = (plain.static(x) - plain.reference for x in (distance, around))
-    drag = speed * np.abs(speed)
-    coefficients, sd = np.zeros((len(plain.lines), 4)), np.empty(len(plain.lines))
-    for j in range(len(plain.lines)):
-        design = np.column_stack([np.ones(len(rest)), static[:, j], speed[:, j], drag[:, j]])[:, :terms]
-        instrument = design.copy()
-        instrument[:, 1:2] = beside[:, j : j + 1]
-        coefficients[j, :terms] = _solved(design, instrument, rest[:, j])
-        sd[j] = np.std(rest[:, j] - design @ coefficients[j, :terms])
-    return replace(plain, coefficients=locked(coefficients)), float(np.mean(np.log(np.maximum(sd, 1e-300))))
+    coefficients, left = statics.corrections(rest, static, beside, speed, terms)
+    return replace(plain, coefficients=locked(coefficients)), left
 
 
 def _rows(plain: Tension, training: Training) -> tuple[Array, Array, Array, Array]:
@@ -359,60 +327,3 @@ def _rows(plain: Tension, training: Training) -> tuple[Array, Array, Array, Arra
         inside[piece.start + 2 * plain.half + 1 : max(piece.stop - 1, 0)] = True
     good &= inside
     return measured[good], distance[good], speed[good], around[good]
-
-
-def _solved(design: Array, instrument: Array, target: Array) -> Array:
-    """Return the coefficients that leave nothing along the instruments; the second keeps to 0 +- _GAIN where open."""
-    free = np.linalg.lstsq(instrument.T @ design, instrument.T @ target, rcond=None)[0]
-    if design.shape[1] < 2:
-        return np.asarray(free)
-    rest = target - design @ free
-    size = max(1, len(rest) // _BLOCKS)
-    means = rest[: len(rest) // size * size].reshape(-1, size).mean(axis=1)
-    cross = instrument.T @ design
-    cross[1, 1] += size * float(np.var(means)) / _GAIN**2
-    return np.asarray(np.linalg.lstsq(cross, instrument.T @ target, rcond=None)[0])
-
-
-def _inverse(levels: Array, curve: Array, change: float) -> float:
-    """Return the level at which a rising ``curve`` has the value ``change``, at most at its ends."""
-    from scipy.interpolate import PchipInterpolator
-
-    return float(PchipInterpolator(curve, levels)(np.clip(change, curve[0], curve[-1])))
-
-
-def _late(values: Array, by: int) -> Array:
-    """Return (n, c) values ``by`` rows later, NaN before the first."""
-    out = np.full_like(values, np.nan)
-    out[by:] = values[: max(0, len(values) - by)]
-    return out
-
-
-def _late_slope(values: Array, half: int) -> Array:
-    """Return the least-squares slope a row over the last 2 half + 1 rows, (n, c): that at ``half`` rows ago."""
-    out = np.full_like(values, np.nan)
-    n = len(values) - 2 * half
-    if n > 0:
-        weight = 3.0 / (half * (half + 1) * (2 * half + 1))
-        out[2 * half :] = weight * sum(i * values[half + i : half + i + n] for i in range(-half, half + 1))
-    return out
-
-
-@njit(cache=True)
-def _distances(eta: Array, fairleads: Array, anchors: Array) -> Array:
-    """Return the distances, (n, lines), m, at places (n, 3)."""
-    out = np.empty((len(eta), len(anchors)))
-    for k in range(len(eta)):
-        out[k] = reaches(eta[k], fairleads, anchors)[0]
-    return out
-
-
-@njit(cache=True)
-def _tabled(start: float, step: float, table: Array, distance: Array) -> Array:
-    """Return a table's values at (n, lines) distances; NaN stays NaN."""
-    out = np.empty_like(distance)
-    for k in range(distance.shape[0]):
-        for j in range(distance.shape[1]):
-            x = distance[k, j]
-            out[k, j] = lookup(start, step, table, x) if x == x else np.nan
-    return out
