@@ -11,7 +11,8 @@ from conftest import REFERENCE
 from scipy.optimize import fsolve
 
 from mooringdx.errors import ConfigError, FitError
-from mooringdx.physics.line import catenary, deprived, solve, tabulate
+from mooringdx.physics.catenary import catenary
+from mooringdx.physics.line import deprived, solve, tabulate
 from mooringdx.physics.vessel import Section, VesselModel, load_vessel
 
 VESSELS = Path(__file__).parents[1] / "configs" / "vessels"

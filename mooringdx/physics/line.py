@@ -13,16 +13,13 @@ Not seen: bending, drag and inertia of the line, snap loads, a sloping seabed, f
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
-from typing import Any
 
 import numpy as np
 
 from mooringdx.errors import ConfigError, FitError
+from mooringdx.physics.catenary import SHARP, Ends, catenary
 from mooringdx.physics.vessel import Section
 from mooringdx.types import Array, Mask, locked, replace
 
@@ -48,68 +45,6 @@ class Shape:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", locked(self.joints))
-
-
-@dataclass(frozen=True)
-class Ends:
-    """One section's ends: (2,) forces of the section on its lower and upper end, N; (2, 2) stiffness matrices, N/m.
-
-    ``bottom``: length on the seabed, m. ``rough``: the section is a weightless straight line, for want of a catenary.
-    """
-
-    lower: Array
-    upper: Array
-    stiff_lower: Array
-    stiff_upper: Array
-    stiff_cross: Array
-    bottom: float
-    rough: bool
-
-
-def catenary(
-    span: tuple[float, float], length: float, weight: float, stiffness: float, seabed: float = 0.0, guess: Any = (0, 0)
-) -> Ends:
-    """Return the elastic catenary over ``span`` (x, z from lower to upper end, m) by MoorPy.
-
-    ``seabed``: friction coefficient with the lower end on the seabed, or, negative, minus its height above it, m.
-    ``guess``: horizontal and vertical tension to start from, N. Raise FitError where MoorPy finds no shape.
-    """
-    from moorpy.Catenary import catenary as moorpy_catenary
-    from moorpy.helpers import CatenaryError
-
-    x, z = float(span[0]), float(span[1])
-    if x < 0.0 or z + max(0.0, -seabed) < -1e-9 * length or min(length, stiffness) <= 0.0:
-        raise FitError(
-            f"no catenary of {length:g} m, EA {stiffness:g} N, over {x:g} by {z:g} m; it would be under ground"
-        )
-    try:
-        with _unattended():
-            ax, az, bx, bz, info = moorpy_catenary(
-                x, z, length, stiffness, weight, CB=seabed, HF0=guess[0], VF0=guess[1], Tol=1e-9 * length, MaxIter=100
-            )
-    except (CatenaryError, ArithmeticError, ValueError) as error:
-        raise FitError(f"no catenary of {length:g} m over {x:g} by {z:g} m: {error}") from None
-    lower, upper, cross = (np.array(info[key]) for key in ("stiffnessA", "stiffnessB", "stiffnessBA"))
-    if info["ProfileType"] in (2, 3):  # lower end on the seabed: only its x matters, and it matters as the upper end's
-        cross = np.column_stack([-upper[:, 0], np.zeros(2)])  # MoorPy leaves the second entry out
-    rough = info["ProfileType"] in (-1, -2)
-    return Ends(np.array([ax, az]), np.array([bx, bz]), lower, upper, cross, float(info["LBot"]), rough)
-
-
-@contextmanager
-def _unattended() -> Iterator[None]:
-    """Let nothing that MoorPy does stop a batch: no debugger, no text on the terminal, no warnings of numpy."""
-
-    def refuse(*_: object, **__: object) -> None:
-        raise ArithmeticError("MoorPy would stop in a debugger")
-
-    before = sys.breakpointhook
-    sys.breakpointhook = refuse
-    try:
-        with redirect_stdout(StringIO()), np.errstate(all="ignore"):
-            yield
-    finally:
-        sys.breakpointhook = before
 
 
 def solve(
@@ -202,9 +137,10 @@ def _check(sections: Sequence[Section], depth: float, distance: float) -> None:
 def _settled(sections: Sequence[Section], joints: Array, place: tuple[float, float, float]) -> Shape:
     """Return the equilibrium that Newton's method finds from ``joints``; FitError without."""
     state = _balance(sections, _inside(joints, place[1]), place)
-    scale = sum(s.weight * s.length for s in sections)
+    scale, blur = sum(s.weight * s.length for s in sections), 0.3 * SHARP * sum(s.length for s in sections)
     for _ in range(ROUNDS):
-        after = None if state.left <= 1e-9 * scale else _search(sections, state, place)
+        near = max(1e-9 * scale, blur * max(float(np.max(e.stiff_upper.diagonal())) for e in state.ends))
+        after = None if state.left <= near else _search(sections, state, place)
         if after is None:
             break
         state = after
@@ -283,14 +219,17 @@ class _State:
         return float(np.linalg.norm(self.residual))
 
 
-def _balance(sections: Sequence[Section], joints: Array, place: tuple[float, float, float]) -> _State:
-    """Return the forces left over at ``joints`` for a ``place``: depth, distance, friction."""
+def _balance(
+    sections: Sequence[Section], joints: Array, place: tuple[float, float, float], near: _State | None = None
+) -> _State:
+    """Return the forces left over at ``joints`` for a ``place``: depth, distance, friction; ``near``: one like it."""
     depth, distance, friction = place
     points = np.vstack([np.zeros((1, 2)), joints, [[distance, depth]]])
     ends = []
     for i, s in enumerate(sections):
         x, z = points[i + 1] - points[i]
-        ends.append(catenary((x, z), s.length, s.weight, s.stiffness, friction if i == 0 else -points[i, 1]))
+        guess = -near.ends[i].upper if near and z > 0.0 else np.zeros(2)  # MoorPy turns a falling section round
+        ends.append(catenary((x, z), s.length, s.weight, s.stiffness, friction if i == 0 else -points[i, 1], guess))
     residual = np.zeros((len(joints), 2))
     for i in range(len(joints)):
         residual[i] = ends[i].upper + ends[i + 1].lower + np.array([0.0, sections[i].buoy])
@@ -315,7 +254,7 @@ def _newton(state: _State) -> Array:
     k[held, :] = 0.0
     k[:, held] = 0.0
     k[held, held] = 1.0
-    k += 1e-9 * np.max(np.diag(k)) * np.eye(2 * n)
+    k += max(1e-9 * float(np.max(np.diag(k))), 1e-300) * np.eye(2 * n)
     return np.asarray(np.linalg.solve(k, state.residual.ravel()).reshape(n, 2))
 
 
@@ -323,9 +262,9 @@ def _search(sections: Sequence[Section], state: _State, place: tuple[float, floa
     """Return the state after the longest halved Newton step that brings the forces nearer to balance, None without."""
     step = _newton(state)
     step = step * min(1.0, 0.2 * place[1] / max(float(np.max(np.abs(step))), 1e-300))
-    for _ in range(30):
+    while np.max(np.abs(step)) > 0.1 * SHARP * place[1]:
         try:
-            trial = _balance(sections, _inside(state.joints + step, place[1]), place)
+            trial = _balance(sections, _inside(state.joints + step, place[1]), place, state)
         except FitError:
             trial = state
         if trial.left < state.left:
