@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mooringdx.assess import run_plan
-from mooringdx.assess.simulated import Cell, Expect, Walked, load, make, merged, rotated, weather_seed
+from mooringdx.assess.simulated import Cell, Expect, Walked, load, make, merged, rotated, seeds_of, weather_seed
 from mooringdx.assess.simulated_score import Answer, answers, cause_words, named, share_at
 from mooringdx.assess.simulated_tables import (
     calibration,
@@ -125,7 +125,10 @@ def test_a_bias_is_sized_in_its_unit_and_a_dead_gauge_not_at_all() -> None:
     row = only(biased, faults=[fault("sensor_fault", "tension_4", mode="bias", size=0.3)])
     assert row.size_error == pytest.approx(-0.03)
     assert only(biased, faults=[fault("sensor_fault", "tension_4", mode="dead")]).size_error is None
-    assert not only(biased, faults=[fault("sensor_fault", "tension_4")], score={"modes": ["dead"]}).right
+    how = [only(biased, faults=[fault("sensor_fault", "tension_4")], score={"modes": [m]}) for m in ("dead", "bias")]
+    assert [(r.right, r.mode_right) for r in how] == [(True, False), (True, True)]
+    half = event("line_weakened", size=0.45, size_unit="share of the buoyancy")
+    assert only(half, faults=[fault("line_weakened", size=0.5)]).size_error == pytest.approx(-0.05)
 
 
 def test_a_name_is_as_late_as_its_cause_was_told() -> None:
@@ -153,10 +156,13 @@ def test_a_trap_is_answered_by_silence_or_the_environment() -> None:
     assert [(r.found, r.right, r.environment) for r in rows] == [
         (False, None, None), (True, True, True), (True, False, True), (True, False, False),
     ]  # fmt: skip
-    figures = trap_numbers(rows)
+    figures = trap_numbers(rows, asked=1.0)
     assert (figures["without_any_event"]["count"], figures["fault_named"]["count"]) == (1, 2)
     assert (figures["environment_said"]["count"], figures["environment_said"]["n"]) == (2, 3)
     assert figures["runs_with_a_fault_event"]["count"] == 2
+    assert (figures["faults"]["count"], figures["faults"]["per_hour"]) == (2, 1.0)
+    later = fault("environment", "wind", onset=200.0, mode="wind")
+    assert only(event("environment", "force"), traps=[later, *trap]).delay == 10.0
 
 
 def test_false_alarms_are_counted_over_hours_beside_the_asked_rate() -> None:
@@ -291,6 +297,24 @@ def test_a_plan_finds_parted_lines_and_writes_every_log(tmp_path: Path) -> None:
     assert len(rows) == 5
     assert [row.split(",")[7] for row in rows[1:3]] == ["line_5", "line_6"]  # line 4, moved on by the seed
     assert json.loads((tmp_path / "out/assess.json").read_text())["cells"][0]["name"] == "line parted"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs/plans").glob("fang_*.toml")), ids=lambda p: p.stem)
+def test_every_plan_of_the_model_basin_can_be_carried_out(path: Path) -> None:
+    job = load(path)
+    for i, asked in enumerate(job.plan.cells):
+        faults, traps = job.scenarios[i]["faults"], job.scenarios[i]["traps"]
+        healthy = "healthy" in asked.name
+        assert healthy == (not faults and not traps), asked.name
+        assert job.scenarios[i]["rig"]["anchors"] == job.training["rig"]["anchors"]
+        assert job.runs[job.variant_of[i]].baseline.window[1] <= job.training["record"]["duration"]
+
+
+def test_the_false_alarm_plan_is_three_hundred_hours_on_forty_fits() -> None:
+    job = load(ROOT / "configs/plans/fang_false_alarms.toml")
+    first = job.plan.cells[0]
+    hours = job.scenarios[0]["record"]["duration"] * len(seeds_of(job.plan, first)) * first.repeat / 3600.0
+    assert (hours, len(seeds_of(job.plan, first))) == (300.0, 40)
 
 
 @pytest.mark.slow

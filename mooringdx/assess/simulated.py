@@ -53,9 +53,10 @@ class Train(_Strict):
 class Expect(_Strict):
     """What is right for a cell's fault; everything has a default in the log's truth.
 
-    ``kinds``, ``modes``: names that are right. ``within``: s from the onset in which an alarm counts as found.
-    ``full``: an event's size, in its own unit, for a fault of size 1 (a total loss): sizes are then scored as shares; a
-    sensor's bias or drift is scored in its unit without. ``truth``: row of the confusion table.
+    ``kinds``, ``modes``: names that are right, ``modes`` scored apart. ``within``: s from the onset in which an alarm
+    counts as found. ``full``: an event's size in N for a fault of size 1 (a total loss): it is scored as a share of it,
+    like an event that gives a share itself; a bias or a drift is scored as it stands. ``truth``: row of the confusion
+    table.
     """
 
     kinds: list[str] = []

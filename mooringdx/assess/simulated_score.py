@@ -57,7 +57,9 @@ class Answer:
     told_after: float | None = None
     branch: str = ""
     named: str = ""
+    mode: str = ""
     kind_right: bool | None = None
+    mode_right: bool | None = None
     subject_right: bool | None = None
     right: bool | None = None
     probability: float | None = None
@@ -89,8 +91,9 @@ def answers(cell: Cell, walked: Walked) -> list[Answer]:
     }
     if not faults and not traps:
         return [Answer(role="healthy", early=len(walked.events), **common)]
-    role, causes = ("fault", faults) if faults else ("trap", traps[:1])
-    causes = sorted(causes, key=lambda c: float(c["onset"]))
+    role = "fault" if faults else "trap"
+    causes = sorted(faults or traps, key=lambda c: float(c["onset"]))
+    causes = causes if faults else causes[:1]
     ends = [float(c["onset"]) for c in causes[1:]] + [math.inf]
     early = sum(e.detected < float(causes[0]["onset"]) - 1e-6 for e in walked.events)
     out = []
@@ -109,7 +112,7 @@ def _answer(score: Expect, cause: Mapping[str, Any], end: float, events: Sequenc
     if not later or later[0].detected > until:
         return {**head, "found": False, "named": NOTHING, "further": len(later)}
     event = later[0]
-    kind = event.kind in (score.kinds or [str(cause["kind"])]) and (not score.modes or event.mode in score.modes)
+    kind = event.kind in (score.kinds or [str(cause["kind"])])
     subject = kind if cause["kind"] == "environment" else _same_place(event.subject, score.subject or cause["subject"])
     told = named(event) != CANNOT_TELL
     first, last = event.onset_interval
@@ -121,7 +124,9 @@ def _answer(score: Expect, cause: Mapping[str, Any], end: float, events: Sequenc
         "told_after": float(event.evidence.get("cause_told") or event.named or event.detected) - onset,
         "branch": str(event.evidence.get("detector", "")).partition(", ")[0],
         "named": named(event),
+        "mode": event.mode or "",
         "kind_right": kind and told,
+        "mode_right": kind and told and event.mode in score.modes if score.modes else None,
         "subject_right": subject,
         "right": kind and subject and told,
         "probability": event.probability,
@@ -155,12 +160,13 @@ def share_at(cause: Mapping[str, Any], time: float) -> float:
 
 
 def _size_error(score: Expect, cause: Mapping[str, Any], event: Event) -> float | None:
-    """Return size less truth: a share where the plan says what a total loss is; as it stands for a bias or a drift."""
-    if event.size is None or (score.full is None and cause.get("mode") not in ("bias", "drift")):
+    """Return size less truth: shares where the event or the plan says so; as it stands for a bias or a drift."""
+    shares = event.size_unit.startswith("share")
+    if event.size is None or not (shares or score.full is not None or cause.get("mode") in ("bias", "drift")):
         return None
     window = (event.named or event.detected) - event.detected
     truth = share_at(cause, event.detected + 2.0 * window)
-    return event.size / (score.full or 1.0) - truth
+    return event.size / (1.0 if shares or score.full is None else score.full) - truth
 
 
 def cause_words(cause: Mapping[str, Any]) -> str:

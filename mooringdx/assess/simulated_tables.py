@@ -34,8 +34,8 @@ TIMES: tuple[str, ...] = (
     "raised by",
 )  # fmt: skip
 NAMES: tuple[str, ...] = (
-    "of the found ones", "line or channel right", "kind right", "both right", "cannot tell", "size off: median", "95 %",
-    "onset off s: median", "95 %", "onset in interval", "loss at alarm: median", "90 %",
+    "of the found ones", "line or channel right", "kind right", "both right", "mode right", "cannot tell",
+    "size off: median", "95 %", "onset off s: median", "95 %", "onset in interval", "loss at alarm: median", "90 %",
 )  # fmt: skip
 
 
@@ -91,8 +91,8 @@ def _cell(cell: Cell, rows: Sequence[Answer], asked: float) -> dict[str, Any]:
     scored = [r for r in rows if not r.refused]
     refused = [{"seed": r.seed, "why": r.refused} for r in rows if r.refused]
     role = rows[0].role if rows else "fault"
-    score = {"fault": fault_numbers, "trap": trap_numbers}.get(role)
-    figures = healthy_numbers(scored, asked) if score is None else score(scored)
+    others = {"trap": trap_numbers, "healthy": healthy_numbers}
+    figures = others[role](scored, asked) if role in others else fault_numbers(scored)
     return {"name": cell.name, "role": role, "n": len(scored), "refused": refused, **figures}
 
 
@@ -112,6 +112,8 @@ def fault_numbers(rows: Sequence[Answer]) -> dict[str, Any]:
         "told_after": {"median": quantile(told, 0.5), "90": quantile(told, 0.9)},
         "raised_by": dict(Counter(r.branch for r in found).most_common()),
         "kind_right": share(r.kind_right for r in found),
+        "mode_right": share(r.mode_right for r in found),
+        "modes": dict(Counter(r.mode for r in found if r.mode).most_common()),
         "subject_right": share(r.subject_right for r in found),
         "right": share(r.right for r in found),
         "cannot_tell": share(r.named == CANNOT_TELL for r in found),
@@ -124,8 +126,10 @@ def fault_numbers(rows: Sequence[Answer]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def trap_numbers(rows: Sequence[Answer]) -> dict[str, Any]:
-    """Return the figures of a cell in which nothing failed but the environment changed."""
+def trap_numbers(rows: Sequence[Answer], asked: float) -> dict[str, Any]:
+    """Return the figures of a cell in which nothing failed but the environment changed; ``asked``: rate, 1/s."""
+    hours = math.fsum(r.hours for r in rows)
+    faults = [k for r in rows for k in r.kinds if k not in NOT_A_FAULT]
     said = [r for r in rows if r.found]
     wrong = [r for r in said if r.named not in (*NOT_A_FAULT, CANNOT_TELL)]
     return {
@@ -133,6 +137,8 @@ def trap_numbers(rows: Sequence[Answer]) -> dict[str, Any]:
         "fault_named": share(r in wrong for r in rows),
         "environment_said": share(r.environment for r in said),
         "named": dict(Counter(r.named for r in rows).most_common()),
+        "hours": hours,
+        "faults": _rate(len(faults), hours, asked),
         "runs_with_a_fault_event": share(any(k not in NOT_A_FAULT for k in r.kinds[r.early :]) for r in rows),
         "false_before": sum(r.early for r in rows),
     }
@@ -223,18 +229,19 @@ def _faults(cells: Sequence[Mapping[str, Any]]) -> list[str]:
                 _q(c["told_after"]["90"]))  # fmt: skip
         times.append((c["name"], _share(c["found"]), *late, str(c["false_before"]), raised))
         lost = (_q(loss["median"]), _q(loss["90"])) if loss else ("-", "-")
-        told = (_share(c[k]) for k in ("subject_right", "kind_right", "right", "cannot_tell"))
+        told = (_share(c[k]) for k in ("subject_right", "kind_right", "right", "mode_right", "cannot_tell"))
         off = (_q(s["median"]), _q(s["95"]), _q(o["median"]), _q(o["95"]), _share(c["onset_covered"]))
         names.append((c["name"], *told, *off, *lost))
     return ["Faults", *_columns(times), "", *_columns(names)]
 
 
 def _traps(cells: Sequence[Mapping[str, Any]]) -> list[str]:
-    table = [("nothing failed, but", "no event", "a fault named", "environment said, of events", "named")]
+    table = [("nothing failed, but", "no event", "a fault named", "environment said, of events", "named",
+              "fault events per hour")]  # fmt: skip
     for c in cells:
         kinds = ", ".join(f"{k}: {v}" for k, v in c["named"].items())
         cells_of = (_share(c[k]) for k in ("without_any_event", "fault_named", "environment_said"))
-        table.append((c["name"], *cells_of, kinds))
+        table.append((c["name"], *cells_of, kinds, _per_hour(c["faults"])))
     return ["Traps", *_columns(table)]
 
 
@@ -243,9 +250,8 @@ def _healthy(cells: Sequence[Mapping[str, Any]]) -> list[str]:
     for c in cells:
         rate, asked = c["all"], rate_text(c["asked_per_hour"] / HOUR)
         ratio = "-" if rate["ratio"][0] is None else "{:.3g} [{:.3g}, {:.3g}]".format(*rate["ratio"])
-        per = "-" if rate["per_hour"] is None else f"{rate['per_hour']:.3g} [{rate['low']:.3g}, {rate['high']:.3g}]"
         kinds = ", ".join(f"{k}: {v}" for k, v in c["by_kind"].items())
-        table.append((c["name"], f"{c['hours']:.1f}", asked, str(rate["count"]), per, ratio, kinds))
+        table.append((c["name"], f"{c['hours']:.1f}", asked, str(rate["count"]), _per_hour(rate), ratio, kinds))
     return ["False alarms on healthy logs", *_columns(table)]
 
 
@@ -269,6 +275,10 @@ def _calibration(bins: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _share(s: Mapping[str, Any]) -> str:
     return f"{s['count']}/{s['n']} [{s['low']:.2f}, {s['high']:.2f}]" if s["n"] else "-"
+
+
+def _per_hour(rate: Mapping[str, Any]) -> str:
+    return "-" if rate["per_hour"] is None else f"{rate['per_hour']:.3g} [{rate['low']:.3g}, {rate['high']:.3g}]"
 
 
 def _number(value: float | None) -> str:
