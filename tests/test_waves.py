@@ -53,6 +53,8 @@ def test_jonswap_without_a_peak_is_pierson_moskowitz_and_the_peak_is_where_it_is
     assert omega[sharp.argmax()] == pytest.approx(2.0 * np.pi / 8.0, abs=1e-3)
     ratio = sharp / flat
     assert ratio.max() / ratio[-1] == pytest.approx(3.3, rel=1e-3)
+    sides = np.interp(np.array([0.93, 1.09]) * 2.0 * np.pi / 8.0, omega, ratio / ratio[-1])
+    np.testing.assert_allclose(sides, 3.3 ** np.exp(-0.5), rtol=1e-3)  # one published width to either side
 
 
 def test_no_energy_at_rest_and_none_without_waves() -> None:
