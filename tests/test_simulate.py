@@ -56,7 +56,7 @@ def rig_of(duration: float = 60.0, **parts: Any) -> Rig:
 
 def ran(rig: Rig, loads: Array, first: Array | None = None, dt: float = 0.1) -> tuple[Array, Array, Array]:
     first = rig.rest if first is None else first
-    return run(first, loads, rig.levels, rig.effect, dt, rig.substeps, rig.hull, rig.lines, rig.loop)
+    return run(first, loads, rig.levels, rig.effect, rig.misread, dt, rig.substeps, rig.hull, rig.lines, rig.loop)
 
 
 def column(made: tuple[RawLog, Any], name: str) -> Array:
@@ -243,9 +243,9 @@ def test_the_integral_brings_the_vessel_back_and_carries_the_load(tank: VesselMo
 
 def test_a_limited_command_does_not_wind_up() -> None:
     loop = rig_of().loop
-    state, sums = np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]) + np.array([*loop.set_point, 0, 0, 0]), np.zeros(3)
+    place, sums = loop.set_point + np.array([5.0, 0.0, 0.0]), np.zeros(3)
     for _ in range(5000):
-        assert command(state, sums, 0.1, loop)[0] == -loop.limit[0]
+        assert command(place, np.zeros(3), sums, 0.1, loop)[0] == -loop.limit[0]
     assert abs(sums[0]) <= 1.01 * loop.limit[0] / loop.integral[0]
 
 
@@ -384,10 +384,30 @@ def test_each_wrong_sensor_reads_what_its_mode_says_analytic() -> None:
 def test_position_and_heading_jump_by_their_size_on_the_log() -> None:
     rows = [("north", "jump", 1.5), ("heading", "bias", 2.0)]
     faults = [{"kind": "sensor_fault", "subject": a, "mode": b, "onset": 30.0, "size": c} for a, b, c in rows]
-    wrong, right = (simulate(scenario(faults=x), 1) for x in (faults, []))
+    wrong, right = (simulate(scenario(faults=x, control={"kind": "none"}), 1) for x in (faults, []))
     for name, _, size in rows:
         moved = column(wrong, name) - column(right, name)
         np.testing.assert_allclose(moved, np.where(0.1 * np.arange(600) >= 29.99, size, 0.0), atol=1e-9)
+
+
+def test_a_controller_follows_a_wrong_position_so_that_the_log_shows_the_set_point_again() -> None:
+    fault = {"kind": "sensor_fault", "subject": "north", "mode": "jump", "onset": 100.0, "size": 0.03}
+    body = {**CALM, "record": {"duration": 500.0}, "faults": [fault]}
+    made = simulate(Scenario.model_validate(body), 1)
+    north, pull = column(made, "north"), column(made, "tension_1") - column(made, "tension_4")
+    assert north[1000:1005].mean() == pytest.approx(-0.85 + 0.03, abs=0.003)
+    assert north[-1000:].mean() == pytest.approx(-0.85, abs=0.003)
+    assert pull[-1000:].mean() - pull[:900].mean() == pytest.approx(0.03 * 2 * 7.0, rel=0.3)
+
+
+def test_a_controller_drives_the_vessel_off_when_its_position_is_stuck(tank: VesselModel) -> None:
+    fault = {"kind": "sensor_fault", "subject": "north", "mode": "stuck", "onset": 100.0, "end": 400.0}
+    push = {"mode": "current_step", "onset": 50.0, "ramp": 100.0, "size": 0.05, "direction": 180.0}
+    body = {**CALM, "record": {"duration": 900.0}, "faults": [fault], "traps": [push]}
+    north = column(simulate(Scenario.model_validate(body), 1), "north")
+    assert np.unique(north[1000:4000]).size == 1
+    assert abs(north[4000] - north[3999]) > 0.01
+    assert north[-500:].mean() == pytest.approx(-0.85, abs=0.003)
 
 
 def test_before_the_fault_the_record_is_the_healthy_one(logs: dict[str, Any]) -> None:
@@ -471,13 +491,16 @@ def test_traps_change_the_weather_as_they_say(tank: VesselModel) -> None:
     push = {"mode": "current_step", "onset": 300.0, "size": 0.08, "direction": 180.0}
     squall = {"mode": "squall", "onset": 300.0, "end": 500.0, "size": 4.0, "direction": 90.0}
     base = {"record": {"duration": 800.0}, "wind": {"speed": 1.0, "gust": 0.0}, "current": {"speed": 0.0, "sd": 0.0}}
-    calm, grown_sea, pushed, blown = (
-        simulate(Scenario.model_validate({**base, "traps": traps}), 1) for traps in ([], [grow], [push], [squall])
+    calm, grown_sea, blown = (
+        simulate(Scenario.model_validate({**base, "traps": traps}), 1) for traps in ([], [grow], [squall])
+    )
+    flat, pushed = (
+        simulate(Scenario.model_validate({**base, "sea": {"height": 0.0}, "traps": traps}), 1) for traps in ([], [push])
     )
     fast = [np.diff(column(x, "north"), 2)[3000:].var() - 6 * 0.001**2 for x in (calm, grown_sea)]
     assert fast[1] / fast[0] == pytest.approx(4.0, rel=0.1)
-    more = column(pushed, "thrust_surge")[5000:].mean() - column(calm, "thrust_surge")[5000:].mean()
-    assert more == pytest.approx(tank.dynamics.damping[0] * 0.08, rel=0.05)
+    more = column(pushed, "thrust_surge")[5000:].mean() - column(flat, "thrust_surge")[5000:].mean()
+    assert more == pytest.approx(tank.dynamics.damping[0] * 0.08, rel=0.01)
     speed, side = column(blown, "wind_speed"), column(blown, "wind_direction")
     assert speed[3100:4900].mean() == pytest.approx(4.0, abs=0.01)
     assert side[3100:4900].mean() == pytest.approx(90.0, abs=0.1)

@@ -5,8 +5,9 @@
     command = -(K_p R' e + K_i R' int e dt + K_d nu),  e = eta - eta_d                     [Fang2015, eq. 25]
     lag tau_logged' = command - tau_logged,  tau = what is left of tau_logged after a loss
 
-eta: north, east, heading; nu: surge, sway, yaw rate, of the centre of gravity. The controller sees the slow motion
-without error, limits each axis, and lets the integral go back by what the limit cut off. Line forces are those of the
+eta: north, east, heading; nu: surge, sway, yaw rate, of the centre of gravity. The controller sees the slow motion with
+no error but that of a faulty position or heading, limits each axis, and lets the integral go back by what the limit
+cut off. Line forces are those of the
 slow motion; Coriolis forces are left out (a moored vessel's speeds). Integrated by Runge-Kutta 4 with loads linear
 between samples and the command held over a sample.
 
@@ -58,7 +59,8 @@ class Lines(NamedTuple):
 
 class Loop(NamedTuple):
     """Numbers of the controller: gains (3,), ``limit`` (3,), N, N, N m; ``keep``: what the lag keeps in a sample;
-    ``set_point``: (3,), m, m, rad.
+    ``set_point``: (3,), m, m, rad. ``stuck``: (3, 2), samples from which and until which an axis of the measured place
+    repeats itself.
     """
 
     proportional: Array
@@ -67,6 +69,7 @@ class Loop(NamedTuple):
     limit: Array
     keep: float
     set_point: Array
+    stuck: NDArray[np.int64]
 
 
 @njit(cache=True)
@@ -133,16 +136,19 @@ def slope(
 
 
 @njit(cache=True)
-def command(state: Array, sums: Array, dt: float, loop: Loop) -> Array:
-    """Return the limited command, (3,), body axes, and bring the integral ``sums``, (3,), earth axes, up to date."""
-    c, s = np.cos(state[2]), np.sin(state[2])
-    error = state[:3] - loop.set_point
+def command(place: Array, speed: Array, sums: Array, dt: float, loop: Loop) -> Array:
+    """Return the limited command, (3,), body axes, and bring the integral ``sums``, (3,), earth axes, up to date.
+
+    ``place``: (3,), north, east, heading as measured; ``speed``: (3,), surge, sway, yaw rate.
+    """
+    c, s = np.cos(place[2]), np.sin(place[2])
+    error = place - loop.set_point
     error[2] = (error[2] + np.pi) % (2.0 * np.pi) - np.pi
     turned = np.array([c * error[0] + s * error[1], c * error[1] - s * error[0], error[2]])
     summed = np.array([c * sums[0] + s * sums[1], c * sums[1] - s * sums[0], sums[2]])
     out, back = np.empty(3), np.zeros(3)
     for i in range(3):
-        asked = -(loop.proportional[i] * turned[i] + loop.integral[i] * summed[i] + loop.derivative[i] * state[3 + i])
+        asked = -(loop.proportional[i] * turned[i] + loop.integral[i] * summed[i] + loop.derivative[i] * speed[i])
         out[i] = min(max(asked, -loop.limit[i]), loop.limit[i])
         if loop.proportional[i] > 0.0:
             back[i] = (asked - out[i]) / loop.proportional[i]
@@ -154,13 +160,14 @@ def command(state: Array, sums: Array, dt: float, loop: Loop) -> Array:
 
 @njit(cache=True)
 def run(
-    first: Array, loads: Array, levels: Array, effect: Array, dt: float, substeps: int, hull: Hull, lines: Lines,
-    loop: Loop,
+    first: Array, loads: Array, levels: Array, effect: Array, misread: Array, dt: float, substeps: int, hull: Hull,
+    lines: Lines, loop: Loop,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Integrate from rest at ``first``, (3,), over the record.
 
     ``loads``: (n, 6); ``levels``: (n, lines), or (1, lines) where they stay; ``effect``: (n, 3), or (1, 3), what the
-    thrusters give for what is logged. Returns the slow motion (n, 3), the logged thrust (n, 3), body axes, and the
+    thrusters give for what is logged; ``misread``: (n, 3), or (1, 3), what the controller reads above the true place.
+    Returns the slow motion (n, 3), the logged thrust (n, 3), body axes, and the
     distance that each line's end was dragged, (n, lines), m, or (1, lines) where none drags.
     """
     n, count = len(loads), len(lines.anchors)
@@ -171,11 +178,15 @@ def run(
     dragged = np.zeros((n if some else 1, count))
     state, sums, given, far = np.zeros(6), np.zeros(3), np.zeros(3), np.zeros(count)
     state[:3] = first
+    seen = first.copy()
     path[0] = first
     h = dt / substeps
     for k in range(n - 1):
         level = levels[k if len(levels) > 1 else 0]
-        wanted = command(state, sums, dt, loop)
+        for i in range(3):
+            if not loop.stuck[i, 0] <= k < loop.stuck[i, 1]:
+                seen[i] = state[i] + misread[k if len(misread) > 1 else 0, i]
+        wanted = command(seen, state[3:], sums, dt, loop)
         after = wanted + (given - wanted) * loop.keep
         thrust = 0.5 * (given + after) * effect[k if len(effect) > 1 else 0]
         given = after

@@ -51,9 +51,8 @@ def _moved(scenario: Scenario, rig: Rig, air: Weather, before: int, dt: float) -
 
     The first-order answer is that at the heading to hold, or, without a controller, at the heading after settling.
     """
-    slow, thrust, dragged = run(
-        rig.rest, air.loads, rig.levels, rig.effect, dt, rig.substeps, rig.hull, rig.lines, rig.loop
-    )
+    inputs = (rig.rest, air.loads, rig.levels, rig.effect, rig.misread)
+    slow, thrust, dragged = run(*inputs, dt, rig.substeps, rig.hull, rig.lines, rig.loop)
     heading = float(rig.rest[2] if scenario.control.kind != "none" else slow[before, 2])
     fast = first_order(air.waves, rig.vessel.hull, air.travel - heading, air.turn)
     fast *= air.growth[:, None]

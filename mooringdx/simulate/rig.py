@@ -25,14 +25,17 @@ from mooringdx.types import Array
 
 WATER = 1025.0  # kg/m3
 STRIPS = 8
+PLACE = ("north", "east", "heading")
 NEVER = 2**62
 SOLVED, LEVELS = 4, 12  # steps of a growing weakening: solved, and filled in between by a cubic spline
 
 
 @dataclass(frozen=True)
 class Rig:
-    """What the plant integrates. ``levels``: (n, lines) or (1, lines); ``effect``: (n, 3) or (1, 3), of the thrusters;
-    ``gain``: (lines,), of the gauges; ``rest``: (3,), where the run starts; ``drawn``: what was drawn, for the truth.
+    """What the plant integrates.
+
+    ``levels``: (n, lines) or (1, lines); ``effect``, of the thrusters, and ``misread``, by the controller: (n, 3) or
+    (1, 3); ``gain``: (lines,), of the gauges; ``rest``: (3,), where the run starts; ``drawn``: for the truth.
     """
 
     vessel: VesselModel
@@ -41,6 +44,7 @@ class Rig:
     loop: Loop
     levels: Array
     effect: Array
+    misread: Array
     gain: Array
     rest: Array
     substeps: int
@@ -55,11 +59,23 @@ def draw_rig(scenario: Scenario, draw: Draw, time: Array) -> Rig:
     shift = np.array([[part.anchors * _one(draw, f"rig anchor {x} {a}") for a in ("north", "east")] for x in names])
     gain = 1.0 + part.gain * np.array([_one(draw, f"rig gain {x}") for x in names])
     lines, levels = _lines(scenario, vessel, system, system.anchors + shift, time)
-    loop, rest = _loop(scenario, vessel)
+    misread, stuck = _misread(scenario, time)
+    loop, rest = _loop(scenario, vessel, stuck)
     hull = _hull(scenario, vessel)
     drawn = {"anchors": shift.tolist(), "gain": gain.tolist()}
-    effect = _effect(scenario, time)
-    return Rig(vessel, hull, lines, loop, levels, effect, gain, rest, _substeps(scenario, vessel, system, rest), drawn)
+    return Rig(
+        vessel=vessel,
+        hull=hull,
+        lines=lines,
+        loop=loop,
+        levels=levels,
+        effect=_effect(scenario, time),
+        misread=misread,
+        gain=gain,
+        rest=rest,
+        substeps=_substeps(scenario, vessel, system, rest),
+        drawn=drawn,
+    )
 
 
 def _one(draw: Draw, name: str) -> float:
@@ -82,7 +98,7 @@ def _hull(scenario: Scenario, vessel: VesselModel) -> Hull:
     )
 
 
-def _loop(scenario: Scenario, vessel: VesselModel) -> tuple[Loop, Array]:
+def _loop(scenario: Scenario, vessel: VesselModel, stuck: NDArray[np.int64]) -> tuple[Loop, Array]:
     """Return the controller and where the run starts: its set-point, or the neutral place."""
     place = neutral(vessel)[1]
     asked = scenario.control.set_point
@@ -91,11 +107,11 @@ def _loop(scenario: Scenario, vessel: VesselModel) -> tuple[Loop, Array]:
     zero = np.zeros(3)
     gains, thrust = vessel.control, vessel.thrust
     if scenario.control.kind == "none" or gains is None or thrust is None:
-        return Loop(zero, zero, zero, zero, 0.0, place), place
+        return Loop(zero, zero, zero, zero, 0.0, place, stuck), place
     derivative = zero if scenario.control.kind == "pi" else np.array(gains.derivative)
     keep = float(np.exp(-scenario.record.sample_time / thrust.lag))
     pid = (np.array(gains.proportional), np.array(gains.integral), derivative)
-    return Loop(*pid, np.array(thrust.limit), keep, place), place
+    return Loop(*pid, np.array(thrust.limit), keep, place, stuck), place
 
 
 def _effect(scenario: Scenario, time: Array) -> Array:
@@ -107,6 +123,24 @@ def _effect(scenario: Scenario, time: Array) -> Array:
             out = np.tile(out, (time.size, 1)) if len(out) == 1 else out
             out[:, axis] *= 1.0 - fault.size * grown(time, fault)
     return out
+
+
+def _misread(scenario: Scenario, time: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return what faulty positions and headings add to what the controller reads, (n, 3) or (1, 3), m, m, rad, and the
+    samples between which each axis is stuck, (3, 2).
+    """
+    out, stuck = np.zeros((1, 3)), np.full((3, 2), NEVER, dtype=np.int64)
+    for fault in scenario.faults:
+        if fault.kind != "sensor_fault" or fault.subject not in PLACE:
+            continue
+        axis = PLACE.index(fault.subject)
+        if fault.mode == "stuck":
+            until = np.inf if fault.end is None else fault.end
+            stuck[axis] = np.searchsorted(time, [fault.onset - 1e-6, until - 1e-6])
+        else:
+            out = np.tile(out, (time.size, 1)) if len(out) == 1 else out
+            out[:, axis] += (np.radians(fault.size) if axis == 2 else fault.size) * grown(time, fault)
+    return out, stuck
 
 
 def _heavier(vessel: VesselModel, share: float) -> VesselModel:
