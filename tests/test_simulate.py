@@ -26,6 +26,7 @@ from mooringdx.simulate.scenario import Sea, Sensor
 from mooringdx.simulate.sea import draw_waves, first_order, record, squared_envelope
 from mooringdx.simulate.sensors import read
 from mooringdx.simulate.streams import streams, wander
+from mooringdx.simulate.weather import draw_weather
 from mooringdx.types import Array, RawLog
 
 ROOT = Path(__file__).parents[1]
@@ -140,6 +141,24 @@ def test_wander_equals_its_plain_twin() -> None:
         level = keep * level + shock
         plain.append(0.3 * level)
     np.testing.assert_allclose(wander(np.random.default_rng(7), 50, 0.1, 0.3, 6.0), plain, rtol=1e-12)
+
+
+def test_weather_grows_turns_and_starts_as_asked_analytic() -> None:
+    time = 0.1 * np.arange(-100, 1000)
+    traps = [{"mode": "sea_growth", "onset": 50.0, "size": 2.0}, {"mode": "sea_turn", "onset": 50.0, "size": 90.0}]
+    plain, changed, late = (
+        draw_weather(scenario(**x), streams(1), time)
+        for x in ({}, {"traps": traps}, {"sea": {"start": 20.0}, "record": {"duration": 100.0}})
+    )
+    push, turned = plain.loads[:, :2], changed.loads[:, :2]
+    after = time > 50.05
+    np.testing.assert_allclose(turned[~after][:-1], push[~after][:-1], rtol=1e-12)
+    quarter = 4.0 * np.column_stack([-push[:, 1], push[:, 0]])  # twice the height, a quarter turn clockwise
+    np.testing.assert_allclose(turned[after], quarter[after], atol=1e-12)
+    assert not late.loads[time < 20.0, :2].any()
+    np.testing.assert_allclose(late.loads[time > 23.05], plain.loads[time > 23.05], rtol=1e-12)
+    towards = np.arctan2(plain.loads[:, 1], plain.loads[:, 0])  # waves from 15 deg go to 195 deg
+    np.testing.assert_allclose(np.degrees(towards) % 360.0, 195.0)
 
 
 # --- the plant -----------------------------------------------------------------------------------------------------
@@ -335,6 +354,19 @@ def test_the_rig_departs_from_the_file_as_asked(tank: VesselModel) -> None:
             np.interp(distance, x.lines.start[j] + x.lines.step[j] * np.arange(x.lines.tension.shape[2]),
                       x.lines.tension[j, 0]) for x in (rig, plain)]  # fmt: skip
         assert pulls[0] == pytest.approx(pulls[1] * (1.08 if j == 1 else 1.0), rel=0.03 if j == 1 else 1e-12)
+
+
+def test_anchors_and_gauge_gains_are_those_drawn() -> None:
+    part = {"rig": {"anchors": 0.015, "gain": 0.05}, "control": {"kind": "none"}}
+    rig = rig_of(**part)
+    drawn = np.array(rig.drawn["anchors"])
+    np.testing.assert_allclose(rig.lines.anchors, mooring_of(rig.vessel).anchors + drawn, rtol=1e-12)
+    assert 0.005 < drawn.std() < 0.03
+    body = {**CALM, "rig": {"gain": 0.05}, "record": {"duration": 100.0}}
+    made = simulate(Scenario.model_validate(body), 1)
+    shares = [column(made, f"tension_{i + 1}").mean() / 3.97 for i in range(6)]
+    np.testing.assert_allclose(shares, made[1]["rig"]["gain"], atol=0.002)
+    assert np.std(shares) > 0.02
 
 
 def test_another_weather_is_the_same_rig() -> None:
