@@ -160,6 +160,24 @@ def test_brute_force_the_joint_does_lie_on_the_seabed_somewhere() -> None:
     assert [solve(GROUND, 200.0, x).joints[0, 1] > 0.0 for x in (900.0, 1035.0)] == [False, True]
 
 
+def test_analytic_a_weight_at_a_joint_on_the_seabed_changes_nothing() -> None:
+    weighted = [GROUND[0].model_copy(update={"buoy": -5e4}), *GROUND[1:]]
+    bare, more = (solve(sections, 200.0, 960.0) for sections in (GROUND, weighted))
+    assert more.joints[0, 1] == 0.0
+    assert [more.horizontal, more.vertical] == pytest.approx([bare.horizontal, bare.vertical], rel=1e-6)
+
+
+@pytest.mark.parametrize(("span", "seabed"), [((460.0, 130.0), 0.0), ((400.0, 250.0), -60.0)])
+def test_numerical_a_catenary_knows_its_stiffness(span: tuple[float, float], seabed: float) -> None:
+    here = catenary(span, 500.0, 1500.0, 8e8, seabed)
+    ways = np.array([1e-3, 0.0]), np.array([0.0, 1e-3])
+    ends = [[catenary(span + sign * w, 500.0, 1500.0, 8e8, seabed).upper for sign in (1, -1)] for w in ways]
+    slopes = np.column_stack([(far - near) / 2e-3 for far, near in ends])
+    assert here.stiff_upper == pytest.approx(-slopes, rel=1e-3)
+    moved = 1 if seabed == 0.0 else 2  # a lower end on the seabed moves along it only
+    assert here.stiff_cross[:, :moved] == pytest.approx(slopes[:, :moved], rel=1e-3)
+
+
 def test_analytic_friction_lowers_the_anchor_by_the_weight_on_the_seabed(model_ship: VesselModel) -> None:
     m = model_ship.mooring
     weight = m.sections[0].weight
