@@ -170,6 +170,11 @@ def weigh(mean: Array, count: int, signatures: Signatures, covariance: Array) ->
     return scores, misfits
 
 
+def unmoved(mean: Array, spread: Array) -> float:
+    """Return the log-likelihood of a window mean, (r,), about zero with covariance ``spread``, (r, r)."""
+    return -0.5 * float(mean @ np.linalg.solve(spread, mean) + np.linalg.slogdet(spread)[1])
+
+
 def level_alike(scores: Array, mean: Array, signatures: Signatures, covariance: Array) -> Array:
     """Return the scores with faults that move these residuals in one direction made equal: one class, no winner in it.
 

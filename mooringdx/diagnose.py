@@ -9,38 +9,20 @@ while the others move, a late clock) is an event of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mooringdx import decide
-from mooringdx.baseline import Fitted
-from mooringdx.chain import Walk
 from mooringdx.checks import LEAST_JUDGED, SEA, agitation
-from mooringdx.config import RunConfig
+from mooringdx.scene import Index, Scene
 from mooringdx.testify import Hearing, applied, tell
-from mooringdx.types import Array, Channels, Defect, Event, Fault, Posterior, Residuals, Statistic, replace
+from mooringdx.types import Channels, Defect, Event, Fault, Posterior, Rival, Statistic, replace
 
 FAULTS = ("line_lost", "line_parted_low", "line_weakened", "sensor_fault", "actuator_fault", "mooring_lost")
-Index = NDArray[np.intp]
 POOR_FIT = 10.0
 LONGEST_BLIND = 4.0
 _WEAKENED = 0.85
-
-
-@dataclass(frozen=True)
-class Scene:
-    """One log's walk up to the statistics: what an event is decided from."""
-
-    channels: Channels
-    residuals: Residuals
-    walk: Walk
-    fitted: Fitted
-    run: RunConfig
-    verdict: str
-    forces: Residuals | None = None
 
 
 def find(scene: Scene) -> tuple[Event, ...]:
@@ -68,7 +50,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     at = alarm.peak_at if slow else min(alarm.start + window, grid.n - 1)
     look = slice(max(0, at - window + 1), at + 1)
     rows = np.flatnonzero(scene.residuals.valid[look].mean(axis=0) >= 0.5)
-    chosen = _name(scene, alarm, look, rows)
+    chosen, moved = _name(scene, alarm, look, rows)
     first, low, high = _onset(scene, alarm, at, rows, chosen)
     time = grid.start + grid.sample_time * np.array([alarm.start, at, first, low, high])
     common: dict[str, Any] = {
@@ -105,7 +87,12 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         marks=(*marks, "poorly_explained") if chosen.misfit > POOR_FIT else marks,
         **common,
     )
-    return _testified(scene, alarm, event, chosen, (first, low, high), rows)
+    if moved > 0.0:
+        return _environment(event, moved)
+    if moved > -decide.RIVAL_GAP:
+        event = replace(event, rivals=(*event.rivals, _moved_rival(moved)))
+    event = _testified(scene, alarm, event, chosen, (first, low, high), rows)
+    return _sized(scene, event, _size_window(scene, alarm, first))
 
 
 def _testified(
@@ -115,13 +102,47 @@ def _testified(
     testimony = scene.fitted.testimony
     if scene.forces is None or testimony is None:
         return event
-    covariance = np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
+    covariance = scene.covariance(rows, alarm.start)
     end = _end(scene, alarm)
     told = tell(Hearing(scene.residuals, scene.forces, testimony, covariance, rows, onset, end), chosen)
     if told is None:
         return event
     grid = scene.channels.grid
     return applied(event, told, scene.residuals.signatures, grid.start + grid.sample_time * told.at)
+
+
+def _environment(event: Event, moved: float) -> Event:
+    """Return the event as one of the environment: a vessel that was moved explains it better than any fault."""
+    fault = Rival(
+        event.kind, event.subject, float(1.0 / (1.0 + np.exp(moved))), "a vessel only moved explains it better"
+    )
+    return replace(
+        event, kind="environment", subject="position", mode=None, size=None, size_interval=None, size_unit="",
+        probability=1.0 - fault.probability, rivals=(fault,), cannot_tell=None,
+    )  # fmt: skip
+
+
+def _moved_rival(moved: float) -> Rival:
+    why = "a vessel that was moved would show as much, by what the statics of its lines are worth"
+    return Rival("environment", "position", float(1.0 / (1.0 + np.exp(-moved))), why)
+
+
+def _sized(scene: Scene, event: Event, look: slice) -> Event:
+    """Return a line's event with its kind by what is left of the tension, and a buoy's loss as a share."""
+    part = scene.tension
+    if part is None or not event.kind.startswith("line_") or event.size is None or event.size_interval is None:
+        return event
+    sd = (event.size_interval[1] - event.size_interval[0]) / 3.92
+    distance = part.distances(scene.channels)[look]
+    kind = part.kind(event.subject, event.size, sd, distance)
+    figures = {**event.evidence, "tension_change": event.size, "tension_change_interval": list(event.size_interval)}
+    if kind == "line_weakened" and event.size > 0.0 and len(part.levels) > 1:
+        share, low, high = part.share(event.subject, event.size, sd, distance)
+        return replace(
+            event, kind=kind, mode="buoyancy", size=share, size_unit="share of buoyancy", size_interval=(low, high),
+            evidence=figures,
+        )  # fmt: skip
+    return replace(event, kind=kind, mode=None, evidence=figures)
 
 
 def later(scene: Scene, alarm: decide.Alarm, first: Event) -> list[Event]:
@@ -163,7 +184,7 @@ def _against(
     means = [np.nanmean(measured.values[part][:, rows], axis=0) for part in (look, still)]
     change, count = means[0] - means[1], look.stop - look.start
     known = decide.part(measured.signatures, rows)
-    spread = 2.0 * np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)] / count
+    spread = 2.0 * scene.covariance(rows) / count
     for event in standing:
         for i, fault in enumerate(known.faults):
             if fault.subject == event.subject and event.size is not None:
@@ -186,7 +207,7 @@ def _later_event(scene: Scene, chosen: decide.Name, peak: float, still: slice, s
     fault = signatures.faults[chosen.winner]
     last = slice(stop - window, stop)
     values = scene.residuals.values[last][:, rows] - np.nanmean(scene.residuals.values[still][:, rows], axis=0)
-    covariance = 2.0 * np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
+    covariance = 2.0 * scene.covariance(rows)
     known = decide.part(signatures, rows)
     size = decide.size(values, scene.residuals.valid[last][:, rows], known, chosen.winner, covariance)
     time = grid.start + grid.sample_time * np.array([stop - 3 * window, stop - 2 * window, stop - window, stop - 1])
@@ -215,31 +236,30 @@ def _later_event(scene: Scene, chosen: decide.Name, peak: float, still: slice, s
     )
 
 
-def _reference(scene: Scene, alarm: decide.Alarm, rows: Index) -> Array:
-    """Return the mean of the residuals ``rows`` without fault: over the following reference's memory, or as fitted."""
-    timing, measured = scene.fitted.timing, scene.residuals
-    stop = alarm.start - 2 * timing.window
-    start = stop - timing.memory
-    if timing.memory == 0 or start < 0 or alarm.branches == ("slow",):
-        return np.asarray(scene.fitted.raw.mean)[rows]
-    good = measured.valid[start:stop][:, rows].all(axis=1)
-    if good.mean() < 0.5:
-        return np.asarray(scene.fitted.raw.mean)[rows]
-    return np.asarray(measured.values[start:stop][good][:, rows].mean(axis=0))
+def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> tuple[decide.Name | None, float]:
+    """Weigh the faults on the raw residuals ``rows`` that are valid in the window ``look``.
 
-
-def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> decide.Name | None:
-    """Weigh the faults on the raw residuals ``rows`` that are valid in the window ``look``."""
-    measured, signatures = scene.residuals, scene.residuals.signatures
+    The second value is the log-likelihood ratio of a vessel that was only moved, over the best fault.
+    """
+    measured = scene.residuals
     good = measured.valid[look][:, rows].all(axis=1)
     if not len(rows) or not good.any():
-        return None
-    mean = measured.values[look][good][:, rows].mean(axis=0) - _reference(scene, alarm, rows)
-    covariance = np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)]
-    known = decide.part(signatures, rows)
-    scores, misfit = decide.weigh(mean, int(good.sum()), known, covariance)
-    chosen = decide.name(decide.level_alike(scores, mean, known, covariance))
-    return None if chosen is None else replace(chosen, misfit=float(misfit[chosen.winner]))
+        return None, -np.inf
+    mean = measured.values[look][good][:, rows].mean(axis=0) - scene.reference(alarm, rows)
+    count, doubt = int(good.sum()), scene.doubt(look)[rows]
+    covariance = scene.covariance(rows, alarm.start) + count * np.diag(doubt**2)
+    known = decide.part(measured.signatures, rows)
+    scores, misfit = decide.weigh(mean, count, known, covariance)
+    levelled = decide.level_alike(scores, mean, known, covariance)
+    chosen = decide.name(levelled)
+    if chosen is None:
+        return None, -np.inf
+    moved = decide.unmoved(mean, covariance / count) - float(levelled[chosen.winner]) if doubt.any() else -np.inf
+    twins = [
+        chosen.winner,
+        *(r for r, _ in chosen.rivals if decide.alike(known, chosen.winner, r, np.arange(len(rows)))),
+    ]
+    return replace(chosen, misfit=float(min(misfit[r] for r in twins))), moved
 
 
 def _onset(scene: Scene, alarm: decide.Alarm, at: int, rows: Index, chosen: decide.Name | None) -> tuple[int, int, int]:
@@ -260,10 +280,10 @@ def _onset_within(
 ) -> tuple[int, int, int]:
     measured, first = scene.residuals, max(0, alarm.start - back)
     direction = np.asarray(measured.signatures.matrix)[winner][rows]
-    weight = np.linalg.solve(np.asarray(scene.fitted.raw.covariance)[np.ix_(rows, rows)], direction)
+    weight = np.linalg.solve(scene.covariance(rows), direction)
     stretch = slice(first, at + 1)
     good = np.asarray(measured.valid[stretch][:, rows].all(axis=1), dtype=np.bool_)
-    still = _reference(scene, alarm, rows)
+    still = scene.reference(alarm, rows)
     u = np.where(good, (np.nan_to_num(measured.values[stretch][:, rows]) - still) @ weight, 0.0)
     energy = float(weight @ direction)
     before = u[: max(alarm.start - first - scene.fitted.timing.window, 0)]
@@ -276,14 +296,19 @@ def _size(
     scene: Scene, alarm: decide.Alarm, first: int, winner: int, rows: Index
 ) -> tuple[float, tuple[float, float]] | None:
     """Return size and interval from raw residuals, the last two of the three windows after the alarm."""
-    timing, raw, measured = scene.fitted.timing, scene.fitted.raw, scene.residuals
-    last = min(alarm.start + 3 * timing.window, _end(scene, alarm))
-    begin = max(first, last - 2 * timing.window)
-    still = _reference(scene, alarm, rows)
+    measured, look = scene.residuals, _size_window(scene, alarm, first)
+    begin, last = look.start, look.stop
+    still = scene.reference(alarm, rows)
     values = measured.values[begin:last][:, rows] - still
-    covariance = np.asarray(raw.covariance)[np.ix_(rows, rows)]
+    covariance = scene.covariance(rows, alarm.start)
     signatures = decide.part(measured.signatures, rows)
     return decide.size(values, measured.valid[begin:last][:, rows], signatures, winner, covariance)
+
+
+def _size_window(scene: Scene, alarm: decide.Alarm, first: int) -> slice:
+    timing = scene.fitted.timing
+    last = min(alarm.start + 3 * timing.window, _end(scene, alarm))
+    return slice(max(first, last - 2 * timing.window), last)
 
 
 def _end(scene: Scene, alarm: decide.Alarm) -> int:

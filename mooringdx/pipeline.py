@@ -10,12 +10,13 @@ from mooringdx import __version__, residuals
 from mooringdx.baseline import Baseline, learn
 from mooringdx.checks import run_checks, watched_check
 from mooringdx.config import RunConfig, window_seconds
-from mooringdx.diagnose import Scene, find, judged, verdict, watched_until
+from mooringdx.diagnose import find, judged, verdict, watched_until
 from mooringdx.errors import ConfigError, FitError
 from mooringdx.hypotheses import HYPOTHESES
 from mooringdx.logs.align import align
 from mooringdx.registry import resolve
 from mooringdx.residuals.training import Training
+from mooringdx.scene import Scene
 from mooringdx.timing import design
 from mooringdx.types import Channels, Detection, Event, RawLog
 
