@@ -238,6 +238,45 @@ def test_a_window_without_a_place_is_judged_at_the_middle_of_the_no_fault_places
     assert out.kind("line_4", -3.9, 0.01, unknown) == "line_lost"
 
 
+@pytest.mark.parametrize("calibrate", ["linear", "dynamic"])
+def test_nothing_outside_the_no_fault_window_is_learned_from(calibrate: str) -> None:
+    place = places(3000, 1)
+    values = np.column_stack([place, made(place, 0.1, 0.05, (4.0, 20.0))])
+    wild = values.copy()
+    wild[[999, 2500], :2] += 5.0
+    fits = [Tension.fit([Training(channels(v), (slice(1000, 2500),))], asked(calibrate)) for v in (values, wild)]
+    np.testing.assert_array_equal(fits[0].coefficients, fits[1].coefficients)
+
+
+def test_a_lost_line_is_expected_to_disturb_the_others_by_a_share_of_what_their_tension_changes() -> None:
+    place = places(3000, 1)
+    out = fitted("none", channels(np.column_stack([place, made(place)])))
+    signatures = out.signatures()
+    system, centre = mooring_of(vessel(_body())), out.centre
+    pull, tension, toward = system.pulls(centre)
+    force = np.array([*(toward[3] * pull[3] / tension[3]), 0.0])  # the yaw moment is the thrusters' business
+    away = np.linalg.solve(system.stiffness(centre)[:2, :2], force[:2])
+    moved = system.pulls(centre + 1e-3 * np.array([*away, 0.0]))[1] - tension
+    error = dict(zip(signatures.faults, signatures.error, strict=True))[Fault("line_lost", "line_4")]
+    np.testing.assert_allclose(error[[0, 1, 2, 4, 5]], 0.1 * np.abs(moved[[0, 1, 2, 4, 5]]) / 1e-3, rtol=0.02)
+    assert error[3] == 0.0
+
+
+def test_lines_that_are_asked_for_are_watched_and_a_vessel_without_buoys_has_none_to_lose() -> None:
+    body = read_toml(ROOT / "configs" / "vessels" / "fpso200.toml")
+    names = ("north", "east", "heading", "tension_7", "tension_2")
+    run = asked("none", names, vessel="fpso200", model=body, origin=(0.0, 0.0), lines=["line_7"])
+    system = mooring_of(vessel(body))
+    tension = system.pulls(np.array([5.0, -3.0, 0.2]))[1]
+    values = np.tile([5.0, -3.0, 0.2, tension[6] + 1e4, tension[1]], (100, 1))
+    log = channels(values, names, ("m", "m", "rad", "N", "N"))
+    out = Tension.fit([Training(log, (slice(0, 100),))], run)
+    np.testing.assert_allclose(out(log).values, 1e4, rtol=1e-9)
+    assert {f.kind for f in out.signatures().faults} == {"line_lost", "sensor_fault", "environment"}
+    with pytest.raises(ConfigError, match="no buoy"):
+        out.share("line_7", 1e4, 1e3, out.distances(log))
+
+
 @cache
 def _simulated(seed: int, fault: str) -> Channels:
     """Return the log of a rig that departs from its file, with one fault or trap at 900 s."""
