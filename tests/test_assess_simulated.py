@@ -136,6 +136,11 @@ def test_a_name_is_as_late_as_its_cause_was_told() -> None:
     assert only(event(evidence={"cause_told": 131.0}), faults=[fault()]).told_after == 31.0
 
 
+def test_the_size_of_a_wrong_channel_is_no_size_of_the_fault() -> None:
+    assert only(event(subject="line_5", size=-4.0), faults=[fault()], score={"full": -4.0}).size_error is None
+    assert only(event(size=-4.0), faults=[fault()], score={"full": -4.0}).size_error == 0.0
+
+
 def test_two_faults_in_one_log_are_two_answers() -> None:
     both = [fault(onset=200.0, subject="line_5"), fault()]
     rows = answers(cell(), walked(event(), event(subject="line_5", detected=230.0), faults=both))

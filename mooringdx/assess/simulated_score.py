@@ -8,7 +8,7 @@ alarm of its own and counts as missed.
     share at t of a fault that grows:   size min(1, (t - onset) / ramp)
 
 Loss at the alarm is that share when the alarm came; the size of the event is held against the share at its sizing,
-two windows after the alarm (the middle of the data that size it).
+two windows after the alarm (the middle of the data that size it), where the right line or channel was named.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ CAUSES = (
     CANNOT_TELL, NOTHING,
 )  # fmt: skip
 WORDS = {"line_lost": "line parted", "line_parted_low": "line parted low", "environment": "environment"}
+_RIVALS = 4
 NOT_A_FAULT = ("environment", "moved")
 
 
@@ -131,7 +132,7 @@ def _answer(score: Expect, cause: Mapping[str, Any], end: float, events: Sequenc
         "right": kind and subject and told,
         "probability": event.probability,
         "discrimination": None if discrimination is None else float(discrimination),
-        "size_error": _size_error(score, cause, event),
+        "size_error": _size_error(score, cause, event) if subject else None,
         "onset_error": event.onset - onset,
         "onset_covered": first - 1e-6 <= onset <= last + 1e-6,
         "loss": share_at(cause, event.detected) if float(cause.get("ramp") or 0.0) > 0.0 else None,
@@ -180,7 +181,8 @@ def cause_words(cause: Mapping[str, Any]) -> str:
 
 def words(event: Event) -> str:
     """Return an event in a few words: what, rivals, size, when."""
-    rivals = "".join(f" or {r.kind} {r.subject}" for r in event.rivals)
+    rivals = "".join(f" or {r.kind} {r.subject}" for r in event.rivals[:_RIVALS])
+    rivals += f" or {len(event.rivals) - _RIVALS} more" if len(event.rivals) > _RIVALS else ""
     size = "" if event.size is None else f" {event.size:.3g} {event.size_unit}".rstrip()
     mode = f" {event.mode}" if event.mode else ""
     cannot = " cannot be told" if event.cannot_tell else ""
