@@ -90,15 +90,15 @@ def spectrum(measured: Array, step: float, longest: float) -> tuple[Array, Array
 def wave_peak(omega: Array, density: Array, variance: Array, step: float, lowest: float) -> float:
     """Return the waves' peak frequency, rad/s: where the horizontal motion above ``lowest`` rad/s is largest.
 
-    The search starts at the peak of the acceleration, which slow motion cannot hide, among frequencies where the
-    motion stands out of the noise ``variance``, (3,).
+    The search starts where the squared speed per log-frequency is largest, which slow motion cannot hide, among
+    frequencies where the motion stands out of the noise ``variance``, (3,).
     """
     motion = density[:, :2].sum(axis=1)
     floor = 2.0 * step * float(variance[:2].sum())
     band = (omega > lowest) & (motion > 3.0 * floor) & (omega < 0.9 * np.pi / step)
     if not band.any():
         return float(min(max(4.0 * lowest, omega[1]), 0.5 * np.pi / step))
-    quick = float(omega[band][np.argmax((omega**4 * (motion - floor))[band])])
+    quick = float(omega[band][np.argmax((omega**3 * (motion - floor))[band])])
     near = band & (omega > max(lowest, 0.6 * quick)) & (omega < 1.4 * quick)
     return float(omega[near][np.argmax((omega**2 * (motion - floor))[near])])
 
@@ -114,7 +114,14 @@ def thinned(record: Record, frequency: float) -> Record:
     return Record(record.measured[: n * m : m], force, lines, record.step * m)
 
 
-def identify(record: Record, plant: Plant, mooring: Mooring | None, stiffness: Array, place: Array) -> Identified:
+def identify(
+    record: Record,
+    plant: Plant,
+    mooring: Mooring | None,
+    stiffness: Array,
+    place: Array,
+    variance: Array | None = None,
+) -> Identified:
     """Return the noise that makes a no-fault record most likely.
 
     Parameters
@@ -122,6 +129,7 @@ def identify(record: Record, plant: Plant, mooring: Mooring | None, stiffness: A
     record : measured positions and known forces, NaN-free in the forces, at least a few slow periods long.
     mooring : the lines' model, or None where ``record.lines`` holds their force.
     stiffness : (3, 3), of the mooring at ``place`` (3,): it sets where slow motion ends and the search starts.
+    variance : (3,), m2, m2, rad2, of the measurements; read from the record when None.
     """
     from scipy.optimize import minimize
 
@@ -132,7 +140,7 @@ def identify(record: Record, plant: Plant, mooring: Mooring | None, stiffness: A
             f"the no-fault window of {len(record.measured) * record.step:.0f} s holds under five slow periods of "
             f"{slow:.0f} s, too few to learn the slow forces; give a longer [baseline] window"
         )
-    variance = measurement_variance(record.measured)
+    variance = measurement_variance(record.measured) if variance is None else variance
     omega, density = spectrum(record.measured, record.step, slow)
     lowest = 3.0 * float(natural[:2].max())
     peak = wave_peak(omega, density, variance, record.step, lowest)
@@ -162,7 +170,7 @@ def identify(record: Record, plant: Plant, mooring: Mooring | None, stiffness: A
         return value if np.isfinite(value) else 1e6
 
     # A bias memory sqrt(S_F / q_b) under a slow period would leave nothing to the white force; over the record, none.
-    wide = float(np.log(1e4))
+    wide = float(np.log(300.0))
     least = float(np.log((2.0 / span) ** 2 * start.force[0] / start.bias[0]))
     bounds = [(-wide, wide)] * 3 + [
         (least, wide),

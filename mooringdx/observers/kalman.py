@@ -117,7 +117,7 @@ class Filter:
             zero if force is None else held(force),
             zero if lines is None else held(lines),
             np.zeros(3) if bias is None else np.array(bias, dtype=np.float64),
-            used[0].heading, turning,
+            np.array([m.heading for m in used]), turning,
             np.stack([m.F for m in used]), np.stack([m.G for m in used]), np.stack([m.K for m in used]),
             np.stack([m.S for m in used]), np.stack([m.Q for m in used]), np.stack([m.stiffness for m in used]),
             used[0].R, np.zeros((0, 0)) if start_covariance is None else np.array(start_covariance),
@@ -221,7 +221,7 @@ def _square(weight: Array, x: float, y: float, z: float) -> float:
 
 @njit(cache=True)
 def _filtered(
-    measured: Array, force: Array, lines: Array, bias: Array, lowest: float, turning: bool,
+    measured: Array, force: Array, lines: Array, bias: Array, headings: Array, turning: bool,
     F: Array, G: Array, gains: Array, spreads: Array, Q: Array, stiffness: Array, R: Array, P: Array,
     fairleads: Array, anchors: Array, start: float, step: float, horizontal: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
@@ -240,8 +240,8 @@ def _filtered(
                 continue
             started = True
             x[:3], x[6:9] = measured[k], bias
-        at = min(max(int(np.round((x[2] - lowest) / HEADING_STEP)), 0), bins - 1) if turning else 0
-        reference = lowest + at * HEADING_STEP
+        at = min(max(int(np.round((x[2] - headings[0]) / HEADING_STEP)), 0), bins - 1) if turning else 0
+        reference = headings[at]
         rest = x[2] - reference if turning else 0.0
         c, s = np.cos(rest), np.sin(rest)
         gain, weight = gains[at], inverse[at]
