@@ -338,6 +338,16 @@ def test_a_dragging_end_never_holds_more_than_it_slides_at_brute_force(tank: Ves
     assert not dragged[:, [0, 1, 2, 4, 5]].any()
 
 
+def test_within_a_sample_a_dragging_line_pulls_its_sliding_force_at_most(tank: VesselModel) -> None:
+    rig = rig_of(faults=[{"kind": "line_parted_low", "subject": "line_4", "onset": 0.0, "size": 0.4}])
+    state = np.array([*rig.rest, 0.0, 0.0, 0.0]) + np.array([0.2, 0.1, 0.0, 0.0, 0.0, 0.0])
+    got = slope(state, 0, np.zeros(6), np.zeros(3), np.zeros(6), np.zeros(6), rig.hull, rig.lines)
+    intact = mooring_of(tank)
+    capped = np.minimum(intact.horizontal[3], sliding(tank, 0.6))
+    mooring = intact.with_line("line_4", capped, intact.tension[3])
+    np.testing.assert_allclose(got, plain_slope(state, np.zeros(6), np.zeros(3), mooring, tank), rtol=1e-6, atol=1e-9)
+
+
 # --- the rig -------------------------------------------------------------------------------------------------------
 
 
