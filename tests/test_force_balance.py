@@ -233,7 +233,7 @@ def test_residuals_are_causal_mean_free_and_masked_at_start_and_after_long_gaps(
     fitted: ForceBalance, broken: Channels
 ) -> None:
     out = fitted(broken)
-    settle = round(fitted.settle * 10)
+    settle = int(np.ceil(fitted.settle * 10))
     assert not out.valid[: settle - 1].any()
     assert out.valid[settle + 1 :].all()
     np.testing.assert_allclose(out.values[FITTED][out.valid[FITTED].all(axis=1)].mean(axis=0), 0.0, atol=1e-9)

@@ -74,7 +74,8 @@ def measurement_variance(measured: Array) -> Array:
 def spectrum(measured: Array, step: float, longest: float) -> tuple[Array, Array]:
     """Return frequencies, (m,), rad/s, and the one-sided spectra of the columns, (m, 3), unit^2/Hz.
 
-    ``longest``: s, the period that a segment must hold ten times, where the record allows.
+    ``longest``: s, the period that a segment holds ten times, where the record has room for eight segments: from fewer,
+    single values of the noise stand out as if they were waves.
     """
     from scipy.signal import welch
 
@@ -82,7 +83,7 @@ def spectrum(measured: Array, step: float, longest: float) -> tuple[Array, Array
     for column in filled.T:
         good = np.isfinite(column)
         column[~good] = np.interp(np.flatnonzero(~good), np.flatnonzero(good), column[good])
-    size = int(min(len(filled), max(256, round(10.0 * longest / step))))
+    size = int(max(min(256, len(filled)), min(len(filled) // 8, round(10.0 * longest / step))))
     frequency, density = welch(filled, 1.0 / step, nperseg=size, axis=0, detrend="linear")
     return np.asarray(2.0 * np.pi * frequency), np.asarray(density)
 
@@ -126,7 +127,7 @@ def identify(
 
     Parameters
     ----------
-    record : measured positions and known forces, NaN-free in the forces, at least a few slow periods long.
+    record : measured positions and known forces, NaN-free in the forces, at least two slow periods long.
     mooring : the lines' model, or None where ``record.lines`` holds their force.
     stiffness : (3, 3), of the mooring at ``place`` (3,): it sets where slow motion ends and the search starts.
     variance : (3,), m2, m2, rad2, of the measurements; read from the record when None.
@@ -135,9 +136,9 @@ def identify(
 
     natural = np.sqrt(np.maximum(np.diag(stiffness), 1e-12) / np.diag(plant.inertia))
     slow = 2.0 * np.pi / float(natural[:2].min())
-    if len(record.measured) * record.step < 5.0 * slow:
+    if len(record.measured) * record.step < 2.0 * slow:
         raise FitError(
-            f"the no-fault window of {len(record.measured) * record.step:.0f} s holds under five slow periods of "
+            f"the no-fault window of {len(record.measured) * record.step:.0f} s holds under two slow periods of "
             f"{slow:.0f} s, too few to learn the slow forces; give a longer [baseline] window"
         )
     variance = measurement_variance(record.measured) if variance is None else variance
