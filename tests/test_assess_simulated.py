@@ -77,6 +77,7 @@ def test_a_fault_is_answered_by_the_first_event_after_its_onset() -> None:
 
 def test_an_onset_outside_the_interval_is_not_covered() -> None:
     assert not only(event(detected=113.0), faults=[fault()]).onset_covered
+    assert not only(event(detected=103.0), faults=[fault()]).onset_covered
     assert only(event(detected=112.0), faults=[fault()]).onset_covered
 
 
