@@ -168,8 +168,8 @@ def tension_rises(study: Study) -> Claim:
     numbers = {"r1_shift": r1[0], "r1_shift_sd": r1[1], "r5_shift": r5[0], "r5_shift_sd": r5[1]}
     words = (
         f"The residual of {study.line.replace('_', ' ')} moves by {r5[0]:+.2f} {study.tension.unit}, {r5[1]:+.1f} of "
-        f"its no-fault sd; r1 by {r1[0]:+.2g} {study.force.unit}, {r1[1]:+.1f} sd, of which a part is the current, which "
-        "is stronger after the window than in it."
+        f"its no-fault sd; r1 by {r1[0]:+.2g} {study.force.unit}, {r1[1]:+.1f} sd, of which a part is the current, "
+        "stronger after the window than in it."
     )
     said = "With loss of a buoyancy element the tension will increase; the change is strongly detectable."
     rule = "the tension residual rises by more than 3 sd, r1 moves by more than 3 sd"

@@ -31,7 +31,7 @@ from mooringdx.reproduce.study import SETTLE, Course, Series, Study
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WIDTH = 7.1
+WIDTH, DPI = 7.1, 160
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ def paint(sheet: Sheet, study: Study) -> Figure:
         {**canvas.STYLE, "legend.fontsize": 8.0, "xtick.labelsize": 8.0, "ytick.labelsize": 8.0}
     ):
         figure = sheet.draw(study)
-        for _ in range(3):  # the ticks move with the layout, and the layout with the ticks
+        figure.set_dpi(DPI)
+        for _ in range(2):  # the ticks move with the layout, and the layout with the ticks
             figure.draw_without_rendering()
         figure.set_layout_engine("none")
         return figure
@@ -122,6 +123,7 @@ def compression_sheet(study: Study) -> Figure:
             line[0].plot(*canvas.envelope(time, values, 350), color=colour, lw=0.6, label=name)
         top = float(np.nanmax(np.abs(pair[0])))
         line[0].set_ylim(-1.1 * top, 1.5 * top)
+        line[0].locator_params(axis="y", nbins=5)
         line[0].set_xlim(*study.window)
         line[0].set_xlabel("time (s, log clock)")
         label = f"{series.symbol} over its sd (-)"

@@ -9,12 +9,11 @@ from typing import Any
 
 from mooringdx import __version__
 from mooringdx.plots import save
-from mooringdx.reproduce.drawing import SHEETS, captions, paint
+from mooringdx.reproduce.drawing import DPI, SHEETS, captions, paint
 from mooringdx.reproduce.effects import Claim
 from mooringdx.reproduce.study import Study
 from mooringdx.results import json_bytes
 
-DPI = 160
 MISPRINTS: tuple[tuple[str, str, str], ...] = (
     (
         "5.1",

@@ -118,7 +118,7 @@ def densities(panel: Axes, study: Study, series: Series, label: str) -> None:
     panel.legend(loc="upper left", ncols=2, handlelength=1.4, columnspacing=0.9, **FRAME)
 
 
-def _scores(panel: Axes, low: float, high: float, room: float = 2.2) -> None:
+def _scores(panel: Axes, low: float, high: float, room: float) -> None:
     """Put probabilities at their normal scores on a y axis."""
     normal = NormalDist()
     shown = [p for p in PROBABILITIES if low - 0.3 <= normal.inv_cdf(p) <= high + 0.3]
@@ -138,7 +138,7 @@ def paper(panel: Axes, rows: list[tuple[Array, Any, str, str]], label: str) -> N
         finite = values[np.isfinite(values)]
         panel.plot(finite.mean() + finite.std() * reach, reach, color=canvas.INK, lw=0.9, ls="--", zorder=1)
     panel.plot([], [], color=canvas.INK, lw=0.9, ls="--", label="Gaussian, same mean and sd")
-    _scores(panel, low, high)
+    _scores(panel, low, high, 0.7 + 0.85 * (len(rows) + 1))
     panel.set_xlabel(label)
     panel.locator_params(axis="x", nbins=6)
     panel.legend(loc="upper left", handlelength=1.4, **FRAME)
@@ -193,7 +193,7 @@ def distribution(panel: Axes, course: Course) -> None:
     for law, colour, style, name in laws:
         ok = (law > 1e-5) & (law < 1.0 - 1e-9)
         panel.plot(at[ok], ndtri(law[ok]), color=colour, ls=style, lw=1.2, label=name)
-    _scores(panel, float(score[0]), float(score[-1]))
+    _scores(panel, float(score[0]), float(score[-1]), 0.6)
     panel.set_xlim(0.0, 1.25 * float(course.quiet.max()))
     panel.set_ylim(float(score[0]) - 2.2, float(score[-1]) + 0.6)
     panel.set_xlabel("g (-)")
