@@ -215,7 +215,7 @@ class PositionPart(_Part):
 class TensionPart(_Part):
     """[residuals.tension]: what is learned of the lines on the no-fault window beside their statics."""
 
-    calibrate: Literal["none", "offset", "linear", "dynamic"] = "linear"
+    calibrate: Literal["none", "offset", "linear", "dynamic"] = "dynamic"
 
 
 class ForceBalancePart(_Part):

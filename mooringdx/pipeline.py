@@ -13,6 +13,7 @@ from mooringdx.config import RunConfig, window_seconds
 from mooringdx.diagnose import find, judged, verdict, watched_until
 from mooringdx.errors import ConfigError, FitError
 from mooringdx.hypotheses import HYPOTHESES
+from mooringdx.logs import in_si
 from mooringdx.logs.align import align
 from mooringdx.registry import resolve
 from mooringdx.residuals.training import Training
@@ -25,7 +26,7 @@ Progress = Callable[[int, int], None] | None
 
 def prepare(log: RawLog, run: RunConfig) -> Channels:
     """Put a log's signals on one uniform clock, with what was wrong in them as checks and defects."""
-    return align(log, run.clock)
+    return align(in_si(log), run.clock)
 
 
 def fit(

@@ -140,6 +140,18 @@ def read_log(
     return replace(log, signals=signals, checks=tuple(checks))
 
 
+def in_si(log: RawLog) -> RawLog:
+    """Return a log whose signals have catalogue names with all values in SI, as `read_log` gives it from a file."""
+    signals = {}
+    for name, signal in log.signals.items():
+        row = entry(name)
+        unit = row.unit or si_unit_of(signal.unit)
+        if signal.unit != unit:
+            signal = replace(signal, values=to_si(signal.values, signal.unit or unit, name), unit=unit)
+        signals[name] = signal
+    return replace(log, signals=signals)
+
+
 def _to_si(path: Path, signal: Signal, place: ChannelSource, checks: list[Check]) -> Signal:
     row = entry(signal.name)
     unit = place.unit or signal.unit

@@ -26,6 +26,8 @@ MOST_CELLS = 1_000_000_000
 MOST_FINER = 20.0
 IN_PHASE = 0.98
 SHORTEST_HOLD = 0.25
+COMMANDS = ("thrust_", "thruster_")
+"""Channels that rightly stand still: an actuator at its limit is not stuck."""
 
 
 def align(log: RawLog, clock: ClockPart) -> Channels:
@@ -130,7 +132,10 @@ def _on_grid(cleaned: Mapping[str, Cleaned], grid: Grid, max_gap: float) -> tupl
 def _holds(cleaned: Mapping[str, Cleaned], clock: ClockPart) -> tuple[Hold, ...]:
     least = SHORTEST_HOLD * clock.stuck_after
     return tuple(
-        h for c in cleaned.values() for h in find_holds(c.signal, c.period, max(least, 3.0 * c.period), clock.max_gap)
+        h
+        for name, c in cleaned.items()
+        if not name.startswith(COMMANDS)
+        for h in find_holds(c.signal, c.period, max(least, 3.0 * c.period), clock.max_gap)
     )
 
 

@@ -74,7 +74,9 @@ def gaussian_theory(study: Study) -> Claim:
         words.append(f"M = {c.window}: mean of 2 g {mean:.2f}, where theory for white z has 1")
         good.append(0.8 < mean < 1.25)
     said = "The statistics of a GLRT on Gaussian signals exist as asymptotic expressions, with a window of 150 samples."
-    note = ". Whitened samples do not make white window means: the spectrum near zero is what the filter knows least."
+    note = (
+        ". It need not be 1: the spectrum near zero, which sets window means, is what a whitening filter knows least."
+    )
     return Claim("3.2", said, "; ".join(words) + note, "mean of 2 g within 0.8 to 1.25", grade(*good), numbers)
 
 

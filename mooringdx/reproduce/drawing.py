@@ -51,10 +51,21 @@ def paint(sheet: Sheet, study: Study) -> Figure:
     ):
         figure = sheet.draw(study)
         figure.set_dpi(DPI)
-        for _ in range(2):  # the ticks move with the layout, and the layout with the ticks
-            figure.draw_without_rendering()
+        figure.draw_without_rendering()
+        _hold_ticks(figure)  # they move with the layout, and the layout with them: neither would come to rest
+        figure.draw_without_rendering()
         figure.set_layout_engine("none")
         return figure
+
+
+def _hold_ticks(figure: Figure) -> None:
+    """Fix every axis' ticks where they stand."""
+    from matplotlib.ticker import FixedLocator
+
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            axis.set_major_locator(FixedLocator([t for t in axis.get_majorticklocs() if low <= t <= high]))
 
 
 def raw_sheet(study: Study, series: Series) -> Figure:
