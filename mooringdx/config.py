@@ -213,9 +213,12 @@ class PositionPart(_Part):
 
 
 class TensionPart(_Part):
-    """[residuals.tension]: what is learned of the lines on the no-fault window beside their statics."""
+    """[residuals.tension]: what is learned of the lines on the no-fault window beside their statics; ``accuracy``: share
+    of a line's tension to which statics and gauge are believed, however quiet the no-fault window was.
+    """
 
     calibrate: Literal["none", "offset", "linear", "dynamic"] = "dynamic"
+    accuracy: Annotated[float, Field(ge=0, lt=1)] = 0.0015
 
 
 class ForceBalancePart(_Part):
@@ -317,9 +320,18 @@ class AdriftPart(_Part):
 
 
 class BankPart(_Part):
-    """[bank]: position-only hypotheses."""
+    """[bank]: position-only hypotheses. Rates are priors, of all lines together, of a step of the environment (auto: one
+    a day, one a month where wind is logged) and of a wave group; ``temper`` divides the evidence; ``warning`` and
+    ``alarm`` are log odds.
+    """
 
     use: list[str] = []
+    line_rate: Rate = parse_rate("1/year")
+    environment_rate: Rate | Literal["auto"] = "auto"
+    pulse_rate: Rate = parse_rate("6/hour")
+    temper: Annotated[float, Field(ge=1)] = 2.0
+    warning: float = -3.0
+    alarm: float = 0.0
     adrift: AdriftPart = AdriftPart()
 
 

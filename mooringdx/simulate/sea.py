@@ -4,10 +4,11 @@ One harmonic a Fourier bin of the whole record, so that nothing repeats within i
 
     zeta(t)  = g(t) Re sum_k sum_b A_kb exp(i w_k t),   A_kb complex Gaussian,   E|A_kb|^2 = 2 S(w_k) D_b dw
     motion   = g(t) Re sum_k sum_b A_kb X(w_k, travel_b(t) - heading) exp(i w_k t)
-    drift    = c Hs^2 g(t)^2 E(t) / mean E,   E(t) = |sum_k sum_b A_kb exp(i w_k t)|^2
+    drift    = c Hs^2 g(t)^2 Re(z* sum_b z_b u_b) / mean |z|^2,   z_b(t) = sum_k A_kb exp(i w_k t),   z = sum_b z_b
 
-S, D: `mooringdx.physics.waves`; X: `mooringdx.physics.response`; the squared envelope stands for Newman's
-approximation of the slow drift with one coefficient for all frequencies [Newman1974]. g: growth of the sea. A turning
+u_b: unit vector along direction b, so that in a short-crested sea the drift across the mean direction is a process of
+its own; in a long-crested one the drift is the squared envelope along it. S, D: `mooringdx.physics.waves`; X: `mooringdx.physics.response`; the product of envelopes stands for
+Newman's approximation of the slow drift with one coefficient for all frequencies [Newman1974]. g: growth of the sea. A turning
 sea keeps its elevation at the origin; its answers are blended between headings 15 deg apart.
 
 A growing sea keeps its period. The answer is for a fixed heading: yawing by more than a spreading angle is not in it.
@@ -79,6 +80,20 @@ def squared_envelope(waves: Waves) -> Array:
     """Return the squared envelope of the elevation times 8, (n,), m2: its mean is the squared significant height."""
     total = waves.amplitude.sum(axis=0)
     return np.asarray(8.0 * (record(waves, total) ** 2 + record(waves, -1j * total) ** 2))
+
+
+def slow_drift(waves: Waves) -> Array:
+    """Return the drift before its coefficient along and across the mean direction, (n, 2), m2.
+
+    The mean along a long-crested sea is the squared significant height; spreading takes a little of it away.
+    """
+    total = waves.amplitude.sum(axis=0)
+    z = record(waves, total), record(waves, -1j * total)
+    out = np.empty((waves.n, 2))
+    for i, part in enumerate((np.cos(waves.offsets), np.sin(waves.offsets))):
+        spectrum = (part[:, None] * waves.amplitude).sum(axis=0)
+        out[:, i] = 8.0 * (z[0] * record(waves, spectrum) + z[1] * record(waves, -1j * spectrum))
+    return out
 
 
 def first_order(waves: Waves, hull: Hull, angle: float, turn: Array) -> Array:

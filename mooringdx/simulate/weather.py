@@ -12,7 +12,7 @@ import numpy as np
 
 from mooringdx.simulate.faults import Trap, grown
 from mooringdx.simulate.scenario import Scenario
-from mooringdx.simulate.sea import Waves, draw_waves, squared_envelope
+from mooringdx.simulate.sea import Waves, draw_waves, slow_drift
 from mooringdx.simulate.streams import Draw, wander
 from mooringdx.types import Array
 
@@ -39,7 +39,8 @@ def draw_weather(scenario: Scenario, draw: Draw, time: Array) -> Weather:
     waves = draw_waves(draw, n, dt, sea)
     growth, turn = _growth(scenario, time), _turn(scenario.traps, time)
     travel = np.radians(sea.direction) + np.pi
-    push = sea.drift * squared_envelope(waves) * growth**2
+    push = sea.drift * slow_drift(waves) * growth[:, None] ** 2
+    ahead, aside = np.cos(travel + turn), np.sin(travel + turn)
     wind_speed, wind_from = _moved(scenario, ("squall", "wind"), time)
     gusts = wander(draw("wind"), n, dt, scenario.wind.gust, scenario.wind.memory)
     wind_speed = np.maximum(wind_speed * (1.0 + gusts), 0.0)
@@ -49,7 +50,8 @@ def draw_weather(scenario: Scenario, draw: Draw, time: Array) -> Weather:
     veer = wander(draw("current direction"), n, dt, np.radians(current.direction_sd), current.memory)
     loads = np.column_stack(
         [
-            *(push * part(travel + turn) for part in (np.cos, np.sin)),
+            push[:, 0] * ahead - push[:, 1] * aside,
+            push[:, 0] * aside + push[:, 1] * ahead,
             *(-(wind_speed**2) * part(wind_from) for part in (np.cos, np.sin)),
             *(speed * part(towards + veer) for part in (np.cos, np.sin)),
         ]
