@@ -184,11 +184,12 @@ def learn(
     """Fit every candidate chain, take the one that finds the smallest faults, and set its levels."""
     measured = [cut(measured[i], s) for i, s in pieces]
     pieces = [(i, slice(0, r.grid.n)) for i, r in enumerate(measured)]
-    raw = _moments(measured, pieces, timing.window, run)
+    floor = stack.floor()
+    raw = _moments(measured, pieces, timing.window, run, floor)
     trials: list[_Trial] = []
     for i, kind in enumerate(candidates(run)):
         start = trials[-1].chain.whitener if trials and trials[-1].chain.whitener.models else None
-        trials.append(_trial(measured, pieces, kind, run, timing, raw, start))
+        trials.append(_trial(measured, pieces, kind, run, timing, raw, floor, start))
         if progress is not None:
             progress(i + 1, len(candidates(run)))
     best = prefer([t.merit for t in trials])
@@ -230,7 +231,8 @@ def _testimony(
     stretches = []
     for t in training:
         forces = stack.witness(t.channels)
-        stretches += [(forces.values[piece], forces.valid[piece]) for piece in t.pieces]
+        axes = cause.horizontal(forces.units)
+        stretches += [(forces.values[piece][:, axes], forces.valid[piece][:, axes]) for piece in t.pieces]
     return cause.learn(stretches, window, timing.window)
 
 
@@ -272,11 +274,12 @@ def _trial(
     run: RunConfig,
     timing: Timing,
     raw: Moments,
+    floor: Array,
     start: Whitener | None,
 ) -> _Trial:
     """Fit one candidate, its cross-fitted levels, and the smallest faults it would find."""
-    chain = fit_chain(measured, pieces, kind, run, timing, start)
-    held = held_back(measured, pieces, kind, run, timing, chain)
+    chain = fit_chain(measured, pieces, kind, run, timing, floor, start)
+    held = held_back(measured, pieces, kind, run, timing, chain, floor)
     shares = {d.branch: SHARES[d.branch] for d in chain.designs}
     shares["main"] += 1.0 - sum(shares.values())
     plain = [chain.whitener.uncompressed()(r) for r in measured]
@@ -285,6 +288,8 @@ def _trial(
     thresholds = tuple(
         _level(d, held[d.branch], run, timing, shares[d.branch], ratio, dof[d.branch]) for d in chain.designs
     )
+    if np.any(floor):
+        thresholds = tuple(map(_as_believed, thresholds))
     main = thresholds[0]
     seen, alone = _smallest(chain.designs[0], main, measured[0].signatures, raw, timing)
     found = np.where(np.isfinite(alone), np.maximum(seen, alone), seen)
@@ -341,13 +346,22 @@ def _level(
     )
 
 
-def _moments(measured: Sequence[Residuals], pieces: Pieces, window: int, run: RunConfig) -> Moments:
+def _as_believed(threshold: Threshold) -> Threshold:
+    """Return the level for residuals believed no better than their floor: quiet ones are not scaled up to unit scatter.
+
+    The printed rate is that of the level without this: an upper bound.
+    """
+    scale = np.maximum(np.asarray(threshold.scale), 1.0)
+    return replace(threshold, level=np.asarray(threshold.level) * scale / np.asarray(threshold.scale), scale=scale)
+
+
+def _moments(measured: Sequence[Residuals], pieces: Pieces, window: int, run: RunConfig, floor: Array) -> Moments:
     raw = [(measured[i].values[s], measured[i].valid[s]) for i, s in pieces]
     rows = np.vstack([values[valid.all(axis=1)] for values, valid in raw])
     zero = run.detector.covariance_about == "zero"
     return Moments(
         np.zeros(rows.shape[1]) if zero else rows.mean(axis=0),
-        covariance_of_means(raw, window, run.detector.covariance_about),
+        covariance_of_means(raw, window, run.detector.covariance_about) + window * np.diag(floor**2),
     )
 
 

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from mooringdx.types import Array, Mask
@@ -62,6 +63,11 @@ class Cause:
     score: float
     gate: float
     probability: float
+
+
+def horizontal(units: Sequence[str]) -> NDArray[np.intp]:
+    """Return the columns that are forces: the moment is left out, because its environment is not known well enough."""
+    return np.flatnonzero(np.array(units) == "N")
 
 
 def learn(stretches: Sequence[tuple[Array, Mask]], window: int, settle: int) -> Testimony | None:

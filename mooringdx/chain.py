@@ -94,11 +94,13 @@ def fit_chain(
     kind: Kind,
     run: RunConfig,
     timing: Timing,
+    floor: Array,
     start: Whitener | None = None,
 ) -> Chain:
     """Fit whitener, references and covariances on the no-fault ``pieces`` (log, samples).
 
-    ``start``: the whitener of a record that holds these pieces; its orders are kept, which saves the search.
+    ``floor``: (r,), sd to which each residual is believed however quiet it was. ``start``: the whitener of a record
+    that holds these pieces; its orders are kept, which saves the search.
     """
     order: Order | Literal["bic"] = run.whitening.order if isinstance(run.whitening.order, tuple) else "bic"
     stretches = [(measured[i], s) for i, s in pieces]
@@ -108,12 +110,15 @@ def fit_chain(
     plain = [whitener.uncompressed()(r) for r in measured]
     z = [whitener(r) for r in measured] if kind == "arma+compression" else plain
     about = run.detector.covariance_about
-    designs = [_design("main", z, pieces, timing.window, timing.memory, about)]
+    raw = measured[0].signatures
+    designs = [believed(_design("main", z, pieces, timing.window, timing.memory, about), raw, floor)]
     if timing.short:
-        designs.append(_design("short", plain, pieces, timing.short, timing.memory, about))
+        designs.append(believed(_design("short", plain, pieces, timing.short, timing.memory, about), raw, floor))
     if timing.slow:
-        slow = _design("slow", plain, pieces, timing.window, 0, about)
-        designs.append(drifting(replace(slow, window=timing.slow), plain[0].signatures, run.detector.slow_drift))
+        slow = believed(
+            replace(_design("slow", plain, pieces, timing.window, 0, about), window=timing.slow), raw, floor
+        )
+        designs.append(drifting(slow, plain[0].signatures, run.detector.slow_drift))
     return Chain(whitener, run.detector.kind, tuple(designs), run.detector.design_size)
 
 
@@ -126,6 +131,19 @@ def _design(
     mean = np.zeros(good.shape[1]) if about == "zero" else good.mean(axis=0)
     reference = Reference(mean, good.std(axis=0), float(memory) if memory else None, 2 * window)
     return Design.of(z[0].signatures, covariance, window, reference, None, branch)
+
+
+def believed(design: Design, signatures: Signatures, floor: Array) -> Design:
+    """Return a design whose window means are believed to ``floor``, (r,), sd of the raw residuals, at best.
+
+    ``signatures``: of the raw residuals; against the design's directions they give each residual's gain through the
+    whitener.
+    """
+    if not np.any(floor):
+        return design
+    raw = np.max(np.abs(np.asarray(signatures.matrix)), axis=0)
+    gain = np.max(np.abs(np.asarray(design.directions)), axis=0) / np.where(raw > 0, raw, 1.0)
+    return replace(design, covariance=design.covariance + design.window * np.diag((gain * floor) ** 2))
 
 
 def drifting(design: Design, signatures: Signatures, drift: float) -> Design:
@@ -150,14 +168,14 @@ def segments(z: Sequence[Whitened], pieces: Pieces) -> list[tuple[Array, Mask]]:
 
 
 def held_back(
-    measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing, full: Chain
+    measured: Sequence[Residuals], pieces: Pieces, kind: Kind, run: RunConfig, timing: Timing, full: Chain, floor: Array
 ) -> dict[str, list[Array]]:
     """Return the cross-fitted no-fault statistics of every branch: {branch: [(n_i, f) a held-back stretch]}."""
     held: dict[str, list[Array]] = {design.branch: [] for design in full.designs}
     stretches = [cut(measured[i], s) for i, s in pieces]
 
     def fit_fold(train: list[tuple[int, slice]]) -> Callable[[int, slice], Array]:
-        chain = fit_chain(stretches, train, kind, run, timing, full.whitener)
+        chain = fit_chain(stretches, train, kind, run, timing, floor, full.whitener)
         walks = [chain(r) for r in stretches]
 
         def apply(segment: int, stretch: slice) -> Array:

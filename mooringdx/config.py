@@ -213,8 +213,9 @@ class PositionPart(_Part):
 
 
 class TensionPart(_Part):
-    """[residuals.tension]: what is learned of the lines on the no-fault window beside their statics; ``accuracy``: share
-    of a line's tension to which statics and gauge are believed, however quiet the no-fault window was.
+    """[residuals.tension]: what is learned of the lines on the no-fault window beside their statics.
+
+    ``accuracy``: share of a line's tension to which statics and gauge are believed, however quiet that window was.
     """
 
     calibrate: Literal["none", "offset", "linear", "dynamic"] = "dynamic"
@@ -320,14 +321,15 @@ class AdriftPart(_Part):
 
 
 class BankPart(_Part):
-    """[bank]: position-only hypotheses. Rates are priors, of all lines together, of a step of the environment (auto: one
-    a day, one a month where wind is logged) and of a wave group; ``temper`` divides the evidence; ``warning`` and
-    ``alarm`` are log odds.
+    """[bank]: position-only hypotheses.
+
+    Rates are priors, of all lines together, of a step of the environment (left out: one a day, a month where wind is
+    logged) and of a wave group; ``temper`` divides the evidence; ``warning`` and ``alarm`` are log odds.
     """
 
     use: list[str] = []
     line_rate: Rate = parse_rate("1/year")
-    environment_rate: Rate | Literal["auto"] = "auto"
+    environment_rate: Rate | None = None
     pulse_rate: Rate = parse_rate("6/hour")
     temper: Annotated[float, Field(ge=1)] = 2.0
     warning: float = -3.0

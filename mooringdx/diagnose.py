@@ -51,7 +51,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     look = slice(max(0, at - window + 1), at + 1)
     rows = np.flatnonzero(scene.residuals.valid[look].mean(axis=0) >= 0.5)
     chosen, moved = _name(scene, alarm, look, rows)
-    first, low, high = _onset(scene, alarm, at, rows, chosen)
+    first, low, high = (max(0, k - scene.late) for k in _onset(scene, alarm, at, rows, chosen))
     time = grid.start + grid.sample_time * np.array([alarm.start, at, first, low, high])
     common: dict[str, Any] = {
         "onset": float(time[2]),
@@ -108,7 +108,11 @@ def _testified(
     if told is None:
         return event
     grid = scene.channels.grid
-    return applied(event, told, scene.residuals.signatures, grid.start + grid.sample_time * told.at)
+    event = applied(event, told, scene.residuals.signatures, grid.start + grid.sample_time * told.at)
+    if event.kind != "sensor_fault":
+        return event
+    fault = scene.residuals.signatures.faults[told.sensor]
+    return replace(event, mode=_kind(scene, fault, told.sensor, None, onset[0], alarm)[1])
 
 
 def _environment(event: Event, moved: float) -> Event:
@@ -142,7 +146,14 @@ def _sized(scene: Scene, event: Event, look: slice) -> Event:
             event, kind=kind, mode="buoyancy", size=share, size_unit="share of buoyancy", size_interval=(low, high),
             evidence=figures,
         )  # fmt: skip
-    return replace(event, kind=kind, mode=None, evidence=figures)
+    if kind == "line_weakened":
+        return replace(event, kind=kind, mode=None, evidence=figures)
+    whole = part.intact(event.subject, distance)
+    low, high = (-x / whole for x in reversed(event.size_interval))
+    return replace(
+        event, kind=kind, mode=None, size=-event.size / whole, size_unit="share of tension", size_interval=(low, high),
+        evidence=figures,
+    )  # fmt: skip
 
 
 def later(scene: Scene, alarm: decide.Alarm, first: Event) -> list[Event]:

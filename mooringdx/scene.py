@@ -43,6 +43,12 @@ class Scene:
         """The tension residuals of a known vessel, None without one."""
         return next((p for p in self.fitted.stack.parts if isinstance(p, Tension)), None)
 
+    @property
+    def late(self) -> int:
+        """How many samples the residuals come after what they show."""
+        part = self.tension
+        return 0 if part is None else part.half
+
     def covariance(self, rows: Index, start: int | None = None) -> Array:
         """Return the covariance of window means times the window for ``rows``, (k, k), in the sea before ``start``."""
         raw = np.asarray(self.fitted.raw.covariance)[np.ix_(rows, rows)]

@@ -79,7 +79,8 @@ def _ask(hearing: Hearing, pair: tuple[int, int], after: slice, covariance: Arra
     window = hearing.testimony.window
     before = slice(max(0, hearing.onset[1] - window), hearing.onset[1])
     found = []
-    for noun, columns in ((hearing.residuals, hearing.rows), (hearing.forces, slice(None))):
+    axes = cause.horizontal(hearing.forces.units)
+    for noun, columns in ((hearing.residuals, hearing.rows), (hearing.forces, axes)):
         means = [cause.mean_over(noun.values[:, columns], noun.valid[:, columns], p, window) for p in (before, after)]
         if means[0] is None or means[1] is None:
             return None
@@ -90,8 +91,8 @@ def _ask(hearing: Hearing, pair: tuple[int, int], after: slice, covariance: Arra
     lines = [forces.faults.index(signatures.faults[r]) if signatures.faults[r] in forces.faults else -1 for r in pair]
     if min(lines) < 0:
         return None
-    line, sensor = (value * forces.matrix[r] for r in lines)
-    return cause.judge(found[1], covariance, line, sensor, np.abs(value) * forces.error[lines[0]])
+    line, sensor = (value * forces.matrix[r][axes] for r in lines)
+    return cause.judge(found[1], covariance, line, sensor, np.abs(value) * forces.error[lines[0]][axes])
 
 
 def applied(event: Event, told: Told, signatures: Signatures, time: float) -> Event:

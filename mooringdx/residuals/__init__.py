@@ -20,7 +20,7 @@ from mooringdx.residuals.parity import Parity
 from mooringdx.residuals.position import Position
 from mooringdx.residuals.tension import Tension
 from mooringdx.residuals.training import Training
-from mooringdx.types import Channels, Fault, Residuals, Signatures
+from mooringdx.types import Array, Channels, Fault, Residuals, Signatures
 
 GENERATORS: Mapping[str, Any] = {
     "parity": Parity,
@@ -53,6 +53,12 @@ class Stack:
             values=np.hstack([p.values for p in pieces]),
             valid=np.hstack([p.valid for p in pieces]),
             signatures=keep(merge([p.signatures for p in pieces]), self.faults),
+        )
+
+    def floor(self) -> Array:
+        """Return the sd to which each residual is believed however quiet the no-fault record was, (r,), its units."""
+        return np.concatenate(
+            [p.floor() if isinstance(p, Tension) else np.zeros(len(p.signatures().residuals)) for p in self.parts]
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -60,7 +60,8 @@ class Tension:
     at distances ``start + step * arange(k)``, m, with ``levels`` shares of buoyancy lost; row 0 is the intact line.
     ``coefficients``: (n, 4): offset N, gain, N s/m, N s2/m2. ``half``: h, samples. ``centre``: (3,) the middle of the
     no-fault places, from the origin. ``reference``: (n,), T(x_j0). ``response``: (n, 2), m north and east per newton
-    of a line's change. ``parted``: N left after a break.
+    of a line's change. ``parted``: N left after a break. ``accuracy``: share of a tension to which statics
+    and gauge are believed.
     """
 
     lines: tuple[tuple[str, str], ...]
@@ -78,6 +79,7 @@ class Tension:
     reference: Array
     response: Array
     parted: float
+    accuracy: float = 0.0
 
     @classmethod
     def fit(cls, training: Sequence[Training], run: RunConfig) -> Tension:
@@ -109,6 +111,7 @@ class Tension:
             reference=locked(system.pulls(centre)[1][rows]),
             response=locked(_response(system, centre)[rows]),
             parted=model.mooring.parted,
+            accuracy=run.residuals.tension.accuracy,
         )
         return _calibrated(new, training, run.residuals.tension.calibrate)
 
@@ -158,6 +161,10 @@ class Tension:
             low, high = self.expected(distance, np.zeros_like(distance))
             out[:, i] = (high - low) / (2.0 * width)
         return out
+
+    def floor(self) -> Array:
+        """Return the sd to which each residual is believed, (lines,), N: ``accuracy`` of its no-fault tension."""
+        return np.asarray(self.accuracy * np.abs(self.reference))
 
     def signatures(self) -> Signatures:
         """Return *line lost*, *buoy lost*, *sensor wrong* for each line, a wrong place, and the environment."""
@@ -209,9 +216,12 @@ class Tension:
 
     def kind(self, line: str, change: float, sd: float, distance: Array) -> str:
         """Return what a mean ``change`` says of a line, see `statics.kind_of_change`; arguments as for `share`."""
+        return statics.kind_of_change(change, sd, self.intact(line, distance), self.parted)
+
+    def intact(self, line: str, distance: Array) -> float:
+        """Return the mean tension of a line, N, were it intact, over ``distance`` as for `share`."""
         good = self._known(distance)
-        model = float(self.expected(good, np.zeros_like(good))[:, self._row(line)].mean())
-        return statics.kind_of_change(change, sd, model, self.parted)
+        return float(self.expected(good, np.zeros_like(good))[:, self._row(line)].mean())
 
     def _known(self, distance: Array) -> Array:
         """Return the distances without gaps; where none is known, that at the middle of the no-fault places."""

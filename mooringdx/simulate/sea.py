@@ -7,8 +7,9 @@ One harmonic a Fourier bin of the whole record, so that nothing repeats within i
     drift    = c Hs^2 g(t)^2 Re(z* sum_b z_b u_b) / mean |z|^2,   z_b(t) = sum_k A_kb exp(i w_k t),   z = sum_b z_b
 
 u_b: unit vector along direction b, so that in a short-crested sea the drift across the mean direction is a process of
-its own; in a long-crested one the drift is the squared envelope along it. S, D: `mooringdx.physics.waves`; X: `mooringdx.physics.response`; the product of envelopes stands for
-Newman's approximation of the slow drift with one coefficient for all frequencies [Newman1974]. g: growth of the sea. A turning
+its own; in a long-crested one the drift is the squared envelope along it. S, D: `mooringdx.physics.waves`; X:
+`mooringdx.physics.response`; the product of envelopes stands for Newman's approximation of the slow drift with one
+coefficient for all frequencies [Newman1974]. g: growth of the sea. A turning
 sea keeps its elevation at the origin; its answers are blended between headings 15 deg apart.
 
 A growing sea keeps its period. The answer is for a fixed heading: yawing by more than a spreading angle is not in it.
