@@ -13,6 +13,8 @@ import pytest
 from pydantic import BaseModel
 
 from mooringdx.config import AdriftPart, RunConfig, load_run
+from mooringdx.physics.vessel import VesselModel
+from mooringdx.simulate import Scenario
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted((ROOT / "mooringdx").rglob("*.py"))
@@ -21,7 +23,7 @@ CITATION = re.compile(r"\[([A-Z][A-Za-z]+(?:\d{4}|Thesis)[^\[\]]*)\]")
 KEY = re.compile(r"\b[A-Z][A-Za-z]+(?:\d{4}|Thesis)\b")
 # A folder's table, and the modules in the folder that no entry of the table lives in: what the entries share.
 TABLES = {
-    ("residuals", "GENERATORS"): {"training"},
+    ("residuals", "GENERATORS"): {"statics", "training"},
     ("detectors", "DETECTORS"): {"covariance", "design", "reference", "window"},
     ("plots", "FIGURES"): {"canvas", "suspects", "survey"},
 }
@@ -151,3 +153,23 @@ def test_links_between_documents_resolve() -> None:
     for path in DOCUMENTS:
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", path.read_text(encoding="utf-8")):
             assert (path.parent / target).exists(), f"{name(path)} links to {target}"
+
+
+def leaves(model: type[BaseModel]) -> Iterator[str]:
+    """Yield every key of a vessel or scenario file, down to the leaves; a vessel's content in a scenario is its own."""
+    for key, field in model.model_fields.items():
+        yield key
+        stack = [field.annotation]
+        while stack:
+            kind = stack.pop()
+            stack += list(getattr(kind, "__args__", ()))
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                yield from leaves(kind)
+
+
+@pytest.mark.parametrize(("heading", "model"), [("Vessel file", VesselModel), ("Scenario file", Scenario)])
+def test_the_page_on_vessels_explains_every_key_of_its_files(heading: str, model: type[BaseModel]) -> None:
+    text = (ROOT / "docs" / "vessel.md").read_text(encoding="utf-8").split(f"\n## {heading}")[1].split("\n## ")[0]
+    spans = [*re.findall(r"`([^`\n]*)`", text), *re.findall(r"\*\*(\[[^*]*\])\*\*", text)]
+    missing = [key for key in sorted(set(leaves(model))) if not any(re.search(rf"\b{key}\b", s) for s in spans)]
+    assert missing == []
