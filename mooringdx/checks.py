@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from mooringdx.types import Array, Channels, Check
+from mooringdx.types import Array, Channels, Check, Mask
 
 WHITE = 0.05
 SEA = 1.5
@@ -17,6 +19,20 @@ def agitation(values: Array) -> Array:
     count = np.isfinite(steps).sum(axis=0)
     spread = np.sqrt(np.nansum(steps**2, axis=0) / np.maximum(count, 1))
     return np.where(2 * count > len(steps), spread, 0.0)
+
+
+def shows_sea(names: Sequence[str]) -> Mask:
+    """Return which channels move with the waves, (c,): not what is commanded, nor wind and current."""
+    return np.array(
+        [not name.startswith(("thrust_", "thruster_", "wind_", "current_")) for name in names], dtype=np.bool_
+    )
+
+
+def roughness(values: Array, names: Sequence[str], reference: Array) -> float:
+    """Return the sea of (n, c) channel values over the reference's, the median over channels, at least 1."""
+    now = agitation(values)
+    use = shows_sea(names) & (reference > 0) & (now > 0)
+    return max(1.0, float(np.median(now[use] / reference[use]))) if use.any() else 1.0
 
 
 def run_checks(channels: Channels, reference: Array, judged: float) -> tuple[Check, ...]:
@@ -71,7 +87,8 @@ def watched_check(until: float, channels: Channels) -> Check:
 
 
 def _sea(channels: Channels, reference: Array) -> Check:
-    ratio = np.where(reference > 0, agitation(channels.values) / np.where(reference > 0, reference, 1.0), 0.0)
+    known = (reference > 0) & shows_sea(channels.names)
+    ratio = np.where(known, agitation(channels.values) / np.where(reference > 0, reference, 1.0), 0.0)
     worst = int(np.argmax(ratio))
     passed = bool(ratio[worst] <= SEA)
     return Check(

@@ -219,7 +219,7 @@ class TensionPart(_Part):
     """
 
     calibrate: Literal["none", "offset", "linear", "dynamic"] = "dynamic"
-    accuracy: Annotated[float, Field(ge=0, lt=1)] = 0.0015
+    accuracy: Annotated[float, Field(ge=0, lt=1)] = 0.001
 
 
 class ForceBalancePart(_Part):

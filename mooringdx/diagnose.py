@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mooringdx import decide
-from mooringdx.checks import LEAST_JUDGED, SEA, agitation
+from mooringdx.checks import LEAST_JUDGED, SEA, agitation, shows_sea
 from mooringdx.scene import Index, Scene
 from mooringdx.testify import Hearing, applied, tell
 from mooringdx.types import Channels, Defect, Event, Fault, Posterior, Rival, Statistic, replace
@@ -29,10 +29,13 @@ def find(scene: Scene) -> tuple[Event, ...]:
     """Return all events of the detectors and of the data's own defects, in order of onset."""
     timing, alarm = scene.fitted.timing, scene.run.alarm
     hold = 2 * timing.window
+    seas = scene.seas() if timing.memory == 0 else np.ones(1)
     least = max(1, round(alarm.min_duration / timing.sample_time))
     found = []
     for statistic, threshold in zip(scene.walk.statistics, scene.fitted.thresholds, strict=True):
         ratio = decide.peak_ratio(statistic, threshold)
+        if timing.memory == 0 and statistic.branch != "slow":
+            ratio = ratio / seas**2  # a following reference scales itself
         found += decide.alarms(statistic.branch, ratio, alarm.hysteresis, hold, least)
     events = []
     for one in decide.merge(found, hold):
@@ -87,10 +90,8 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         marks=(*marks, "poorly_explained") if chosen.misfit > POOR_FIT else marks,
         **common,
     )
-    if moved > 0.0:
-        return _environment(event, moved)
     if moved > -decide.RIVAL_GAP:
-        event = replace(event, rivals=(*event.rivals, _moved_rival(moved)))
+        return _environment(event, moved)
     event = _testified(scene, alarm, event, chosen, (first, low, high), rows)
     return _sized(scene, event, _size_window(scene, alarm, first))
 
@@ -116,19 +117,16 @@ def _testified(
 
 
 def _environment(event: Event, moved: float) -> Event:
-    """Return the event as one of the environment: a vessel that was moved explains it better than any fault."""
-    fault = Rival(
-        event.kind, event.subject, float(1.0 / (1.0 + np.exp(moved))), "a vessel only moved explains it better"
-    )
+    """Return the event as one of the environment: a vessel that was only moved explains it, no fault needs to.
+
+    The best fault stays as its rival: its size was fitted, which is worth up to RIVAL_GAP of log-likelihood by itself.
+    """
+    share = float(1.0 / (1.0 + np.exp(moved + decide.RIVAL_GAP)))
+    fault = Rival(event.kind, event.subject, share, "a vessel that was only moved shows as much")
     return replace(
         event, kind="environment", subject="position", mode=None, size=None, size_interval=None, size_unit="",
-        probability=1.0 - fault.probability, rivals=(fault,), cannot_tell=None,
+        probability=1.0 - share, rivals=(fault,), cannot_tell=None,
     )  # fmt: skip
-
-
-def _moved_rival(moved: float) -> Rival:
-    why = "a vessel that was moved would show as much, by what the statics of its lines are worth"
-    return Rival("environment", "position", float(1.0 / (1.0 + np.exp(-moved))), why)
 
 
 def _sized(scene: Scene, event: Event, look: slice) -> Event:
@@ -350,9 +348,11 @@ def _kind(
     sd = np.sqrt(np.diagonal(scene.fitted.raw.covariance))
     own = int(np.argmax(np.abs(scene.residuals.signatures.matrix[winner]) / np.where(sd > 0, sd, np.inf)))
     gain = scene.residuals.signatures.matrix[winner, own]
+    first = max(first, scene.late)
     residual = (scene.residuals.values[first:last, own] - scene.fitted.raw.mean[own]) / gain
-    good = np.isfinite(column[first:last]) & np.isfinite(residual)
-    return fault.kind, decide.sensor_mode(reference, column[first:last][good], residual[good])
+    seen = column[first - scene.late : last - scene.late]
+    good = np.isfinite(seen) & np.isfinite(residual)
+    return fault.kind, decide.sensor_mode(reference, seen[good], residual[good])
 
 
 def _evidence(scene: Scene, alarm: decide.Alarm, rows: Index) -> dict[str, object]:
@@ -376,7 +376,8 @@ def _marks(scene: Scene, alarm: decide.Alarm) -> tuple[str, ...]:
     timing = scene.fitted.timing
     block = max(8, round(40 * timing.peak_period / timing.sample_time))
     before = scene.channels.values[max(0, alarm.start - block) : alarm.start]
-    if np.any(agitation(before) > SEA * np.asarray(scene.fitted.agitation)):
+    still = SEA * np.asarray(scene.fitted.agitation)
+    if np.any((agitation(before) > still) & shows_sea(scene.channels.names)):
         marks.append("outside_fitted_envelope")
     return tuple(marks)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mooringdx.baseline import Fitted
 from mooringdx.chain import Walk
-from mooringdx.checks import agitation
+from mooringdx.checks import roughness
 from mooringdx.config import RunConfig
 from mooringdx.decide import Alarm
 from mooringdx.residuals.tension import AXES, Tension
@@ -56,11 +56,20 @@ class Scene:
 
     def roughness(self, start: int) -> float:
         """Return the sea before sample ``start`` over the roughest of the no-fault record, at least 1."""
+        before = self.channels.values[max(0, start - self.block) : start]
+        return roughness(before, self.channels.names, np.asarray(self.fitted.agitation))
+
+    @property
+    def block(self) -> int:
+        """Samples over which the sea is judged."""
         timing = self.fitted.timing
-        block = max(8, round(_BLOCK * timing.peak_period / timing.sample_time))
-        now, then = agitation(self.channels.values[max(0, start - block) : start]), np.asarray(self.fitted.agitation)
-        moves = (then > 0) & (now > 0)
-        return max(1.0, float(np.median(now[moves] / then[moves]))) if moves.any() else 1.0
+        return max(8, round(_BLOCK * timing.peak_period / timing.sample_time))
+
+    def seas(self) -> Array:
+        """Return the roughness before every sample, (n,), renewed every eighth of a block."""
+        hop = max(1, self.block // 8)
+        found = [self.roughness(start) for start in range(0, self.channels.grid.n, hop)]
+        return np.repeat(found, hop)[: self.channels.grid.n]
 
     def reference(self, alarm: Alarm, rows: Index) -> Array:
         """Return the no-fault mean of ``rows``, (k,): over the following reference's memory, or as fitted."""
