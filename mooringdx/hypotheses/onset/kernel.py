@@ -1,0 +1,328 @@
+"""Loops of the onset bank: what every onset has gathered, and what each hypothesis is worth given that.
+
+For a unit force m (north, east at the middle of the fairleads, and a unit moment) from sample k0 on, d the change of
+the filter's state per unit force, e the innovation of the filter that knows of no force:
+
+    rho = C d,   z += rho' S^-1 e,   Lam += rho' S^-1 rho,   d <- F (I - K C) d + G,   d(k0) = 0
+    pulse of n samples:  z_p = z(k0) - z(k0 + n),   Lam_p = Lam(k0) + Lam(k0 + n) - X - X',
+                         X += rho(k0)' S^-1 rho(k0 + n)
+
+so that a force f from k0 on has the log likelihood ratio f'z - f'Lam f/2 against none. With z and Lam divided by the
+temper first and h_j the (north, east, moment) that line j gives:
+
+    line j, alpha ~ N(1, sa^2):  s = -h_j'z, q = h_j'Lam h_j,
+                                 L = 1/2 [(s + 1/sa^2)^2/(q + 1/sa^2) - 1/sa^2 - ln(1 + q sa^2)]
+    free force f ~ N(0, P):      L = 1/2 z'(I + P Lam)^-1 P z - 1/2 ln det(I + P Lam)              (north, east only)
+
+[Basseville1993, ch. 7], for an onset and a size that are not known. Each onset carries its own d, so that gaps and a
+turning vessel are followed as the filter follows them. What it cannot see: an onset before the oldest kept.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mooringdx.observers.kalman import HEADING_STEP
+from mooringdx.physics.mooring import lookup
+from mooringdx.types import Array
+
+Index = NDArray[np.int64]
+PULSES = 3
+NOTHING = -np.inf
+
+
+class Slots(NamedTuple):
+    """What is kept of each onset. ``when``: (s,), sample, -1 where free; ``after``: (s, 3), the slot of the onset one
+    pulse later, -1 where none; ``d``: (s, 15, 3); ``z``: (s, 3); ``lam``: (s, 3, 3); ``cross``: (s, 3, 3, 3), X of
+    each pulse; ``pulls``: (s, lines, 3), N, N, N m, of each line at the onset.
+    """
+
+    when: Index
+    after: Index
+    d: Array
+    z: Array
+    lam: Array
+    cross: Array
+    pulls: Array
+
+
+class Odds(NamedTuple):
+    """Numbers of the hypotheses. ``fine``, ``fine_end``, ``end``: samples between onsets and until they are thinned to
+    every fourth and dropped; ``pulses``: (3,), samples. ``line``, ``environment``, ``pulse``: log of rate times the
+    fine spacing; ``steadiness``: 1/sa^2; ``step``, ``group``: (2, 2), N^2, covariance of the free forces.
+    """
+
+    fine: int
+    fine_end: int
+    end: int
+    pulses: Index
+    line: float
+    environment: float
+    pulse: float
+    temper: float
+    steadiness: float
+    step: Array
+    group: Array
+
+
+class Rig(NamedTuple):
+    """The lines: (n, 2) anchors and fairleads, the tables of horizontal tension as in `Mooring`."""
+
+    anchors: Array
+    fairleads: Array
+    start: float
+    step: float
+    horizontal: Array
+
+
+class Tuned(NamedTuple):
+    """The filter's matrices at headings 3 deg apart, stacked; ``inverse``: of the innovations' covariance."""
+
+    headings: Array
+    F: Array
+    G: Array
+    K: Array
+    inverse: Array
+
+
+@njit(cache=True)
+def free_force(z: Array, lam: Array, temper: float, cov: Array) -> float:
+    """Return the log likelihood ratio of a free horizontal force; ``z``: (3,), ``lam``: (3, 3), ``cov``: (2, 2)."""
+    b00, b01, b11 = lam[0, 0] / temper, lam[0, 1] / temper, lam[1, 1] / temper
+    y0, y1 = z[0] / temper, z[1] / temper
+    m00, m01 = 1.0 + cov[0, 0] * b00 + cov[0, 1] * b01, cov[0, 0] * b01 + cov[0, 1] * b11
+    m10, m11 = cov[1, 0] * b00 + cov[1, 1] * b01, 1.0 + cov[1, 0] * b01 + cov[1, 1] * b11
+    det = m00 * m11 - m01 * m10
+    p0, p1 = cov[0, 0] * y0 + cov[0, 1] * y1, cov[1, 0] * y0 + cov[1, 1] * y1
+    fit = y0 * (m11 * p0 - m01 * p1) + y1 * (m00 * p1 - m10 * p0)
+    out: float = 0.5 * fit / det - 0.5 * np.log(det)
+    return out
+
+
+@njit(cache=True)
+def line_size(z: Array, lam: Array, pull: Array, temper: float) -> tuple[float, float]:
+    """Return s and q of a line whose ``pull``, (3,), is lost."""
+    s, q = 0.0, 0.0
+    for i in range(3):
+        s -= pull[i] * z[i]
+        for j in range(3):
+            q += pull[i] * lam[i, j] * pull[j]
+    return s / temper, q / temper
+
+
+@njit(cache=True)
+def line_lost(s: float, q: float, steadiness: float) -> float:
+    """Return the log likelihood ratio of a lost line whose share is near 1."""
+    out: float = 0.5 * ((s + steadiness) ** 2 / (q + steadiness) - steadiness - np.log(1.0 + q / steadiness))
+    return out
+
+
+@njit(cache=True)
+def weighed(k: int, slots: Slots, odds: Odds, out: Array) -> None:
+    """Fill ``out``, (s, lines + 4), with prior times likelihood ratio, in logs, at sample k.
+
+    Columns: lines, step of the environment, pulses.
+    """
+    lines = slots.pulls.shape[1]
+    out[:] = NOTHING
+    for s in range(slots.when.size):
+        age = k - slots.when[s]
+        if slots.when[s] < 0 or age < 1:
+            continue
+        wide = np.log(4.0) if age > odds.fine_end else 0.0
+        for j in range(lines):
+            a, b = line_size(slots.z[s], slots.lam[s], slots.pulls[s, j], odds.temper)
+            out[s, j] = odds.line + wide + line_lost(a, b, odds.steadiness)
+        out[s, lines] = odds.environment + wide + free_force(slots.z[s], slots.lam[s], odds.temper, odds.step)
+        for i in range(PULSES):
+            z, lam = slots.z[s], slots.lam[s]
+            later = slots.after[s, i]
+            if later >= 0:
+                z = z - slots.z[later]
+                lam = lam + slots.lam[later] - slots.cross[s, i] - slots.cross[s, i].T
+            out[s, lines + 1 + i] = odds.pulse + wide + free_force(z, lam, odds.temper, odds.group)
+
+
+@njit(cache=True)
+def summed(logs: Array) -> float:
+    """Return ln sum exp of all entries; minus infinity where there is none."""
+    top = NOTHING
+    for x in logs.flat:
+        top = max(top, x)
+    if top == NOTHING:
+        return NOTHING
+    total = 0.0
+    for x in logs.flat:
+        total += np.exp(x - top)
+    out: float = top + np.log(total)
+    return out
+
+
+@njit(cache=True)
+def together(logs: Array, score_row: Array) -> float:
+    """Return the score of one sample and fill ``score_row``, (lines + 3,), with the probabilities.
+
+    Order: no fault, lines, step of the environment, pulse. ``logs``: as `weighed` gives them.
+    """
+    lines = logs.shape[1] - 1 - PULSES
+    row = np.zeros(lines + 3)
+    for j in range(lines + 1):
+        row[1 + j] = summed(logs[:, j])
+    row[lines + 2] = summed(logs[:, lines + 1 :])
+    total = summed(row)
+    for j in range(row.size):
+        score_row[j] = np.exp(row[j] - total)
+    lost = summed(row[1 : 1 + lines])
+    rest = np.zeros(3)
+    rest[1:] = row[lines + 1 :]
+    out: float = lost - summed(rest)
+    return out
+
+
+@njit(cache=True)
+def _turn(x: Array, c: float, s: float) -> None:
+    for i in (0, 6, 9, 12):
+        north, east = x[i], x[i + 1]
+        x[i], x[i + 1] = c * north - s * east, s * north + c * east
+
+
+@njit(cache=True)
+def turned(heading: float, tuned: Tuned, middle: Array) -> tuple[Array, Array, Array, Array]:
+    """Return F, the effect of unit forces at the fairleads' ``middle``, (2,) body, K and S^-1 in earth axes."""
+    at = min(max(int(np.round((heading - tuned.headings[0]) / HEADING_STEP)), 0), tuned.headings.size - 1)
+    rest = heading - tuned.headings[at]
+    c, s = np.cos(rest), np.sin(rest)
+    cp, sp = np.cos(heading), np.sin(heading)
+    F, G, K = tuned.F[at].copy(), np.empty((15, 3)), np.empty((15, 3))
+    for i in range(15):
+        _turn(F[i], c, s)
+    for j in range(15):
+        _turn(F[:, j], c, s)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    north, east = cp * middle[0] - sp * middle[1], sp * middle[0] + cp * middle[1]
+    body = np.array([[cp, sp, 0.0], [-sp, cp, 0.0], [-east, north, 1.0]])
+    G[:], K[:] = tuned.G[at] @ body, tuned.K[at] @ np.ascontiguousarray(turn.T)
+    for j in range(3):
+        _turn(G[:, j], c, s)
+        _turn(K[:, j], c, s)
+    return F, G, K, turn @ tuned.inverse[at] @ np.ascontiguousarray(turn.T)
+
+
+@njit(cache=True)
+def _add_product(out: Array, a: Array, b: Array) -> None:
+    """Add a'b to ``out``, all (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] += a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
+
+
+@njit(cache=True)
+def gathered(error: Array, K: Array, inverse: Array, slots: Slots) -> None:
+    """Take one innovation, (3,), into every onset, and update what it has changed of the filter's state."""
+    count = slots.when.size
+    rho, heavy = np.empty((count, 3, 3)), np.empty((count, 3, 3))
+    for s in range(count):
+        if slots.when[s] >= 0:
+            for i in range(3):
+                for j in range(3):
+                    rho[s, i, j] = slots.d[s, i, j] + slots.d[s, 12 + i, j]
+            heavy[s] = inverse @ rho[s]
+    for s in range(count):
+        if slots.when[s] < 0:
+            continue
+        for i in range(3):
+            for j in range(3):
+                slots.z[s, i] += heavy[s, j, i] * error[j]
+        _add_product(slots.lam[s], rho[s], heavy[s])
+        for i in range(PULSES):
+            later = slots.after[s, i]
+            if later >= 0:
+                _add_product(slots.cross[s, i], rho[s], heavy[later])
+        for i in range(15):
+            for j in range(3):
+                slots.d[s, i, j] -= K[i, 0] * rho[s, 0, j] + K[i, 1] * rho[s, 1, j] + K[i, 2] * rho[s, 2, j]
+
+
+@njit(cache=True)
+def line_pulls(place: Array, rig: Rig, middle: Array) -> Array:
+    """Return each line's pull at ``place``, (lines, 3): N, N, and N m about the fairleads' middle."""
+    out = np.empty((len(rig.anchors), 3))
+    c, s = np.cos(place[2]), np.sin(place[2])
+    for j in range(len(out)):
+        fn, fe = rig.fairleads[j, 0], rig.fairleads[j, 1]
+        north = rig.anchors[j, 0] - place[0] - c * fn + s * fe
+        east = rig.anchors[j, 1] - place[1] - s * fn - c * fe
+        reach = np.hypot(north, east)
+        pull = lookup(rig.start, rig.step, rig.horizontal[j], reach) / reach
+        arm_n, arm_e = c * (fn - middle[0]) - s * (fe - middle[1]), s * (fn - middle[0]) + c * (fe - middle[1])
+        out[j, 0], out[j, 1] = pull * north, pull * east
+        out[j, 2] = pull * (arm_n * east - arm_e * north)
+    return out
+
+
+@njit(cache=True)
+def aged(k: int, slots: Slots, odds: Odds) -> None:
+    """Drop the onsets that sample k + 1 no longer asks for, and what points at them."""
+    for s in range(slots.when.size):
+        age = k + 1 - slots.when[s]
+        thin = age > odds.fine_end and slots.when[s] % (4 * odds.fine) != 0
+        if slots.when[s] >= 0 and (thin or age > odds.end):
+            slots.when[s] = -1
+            for t in range(slots.when.size):
+                for i in range(PULSES):
+                    if slots.after[t, i] == s:
+                        slots.after[t, i] = -1
+
+
+@njit(cache=True)
+def born(k: int, pulls: Array, slots: Slots, odds: Odds) -> int:
+    """Begin an onset at sample k in a free slot, tied to those that it ends a pulse of; return the slot."""
+    free = 0
+    while slots.when[free] >= 0:
+        free += 1
+    slots.when[free] = k
+    slots.after[free] = -1
+    slots.d[free] = 0.0
+    slots.z[free] = 0.0
+    slots.lam[free] = 0.0
+    slots.cross[free] = 0.0
+    slots.pulls[free] = pulls
+    for s in range(slots.when.size):
+        for i in range(PULSES):
+            if slots.when[s] >= 0 and slots.when[s] + odds.pulses[i] == k:
+                slots.after[s, i] = free
+    return free
+
+
+@njit(cache=True)
+def walk(
+    first: int, last: int, stop: float, quiet: int, innovation: Array, place: Array, tuned: Tuned, rig: Rig,
+    middle: Array, odds: Odds, slots: Slots, score: Array, probability: Array,
+) -> int:  # fmt: skip
+    """Go over samples ``first`` to ``last`` and return the first whose score is ``stop`` or more, else ``last``.
+
+    ``quiet``: no onset begins before this sample. ``innovation``, ``place``: (n, 3). Fills ``score``, (n,), and
+    ``probability``, (n, lines + 3), and carries ``slots`` on.
+    """
+    logs = np.empty((slots.when.size, len(rig.anchors) + 1 + PULSES))
+    for k in range(first, last):
+        if not np.isfinite(place[k]).all():
+            continue
+        F, G, K, inverse = turned(place[k, 2], tuned, middle)
+        if np.isfinite(innovation[k]).all():
+            gathered(innovation[k], K, inverse, slots)
+        weighed(k, slots, odds, logs)
+        score[k] = together(logs, probability[k])
+        aged(k, slots, odds)
+        if k >= quiet and k % odds.fine == 0:
+            born(k, line_pulls(place[k], rig, middle), slots, odds)
+        for s in range(slots.when.size):
+            if slots.when[s] >= 0:
+                slots.d[s] = F @ slots.d[s] + G
+        if score[k] >= stop:
+            return k
+    return last

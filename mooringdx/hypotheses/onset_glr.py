@@ -1,0 +1,274 @@
+"""A lost line from position alone: a step of force of unknown onset, against squalls and wave groups.
+
+One filter (`mooringdx.observers.kalman`) that knows of no fault leaves innovations; a lost line j is a step of the
+force by -alpha H_j u_j in it, from an onset k0 that nobody knows [PositionThesis; Basseville1993, ch. 7]:
+
+    score = ln [sum_j,k0 w_j e^{L_j(k0)} / (1 + sum_k0 w_e e^{L_e(k0)} + sum_k0,D w_p e^{L_p(k0,D)})]
+
+with w = rate x spacing, L_j for a line whose pull H_j u_j is known and whose share alpha is near 1, L_e for a step of
+the environment in any direction, L_p for a wave group of duration D; `mooringdx.hypotheses.onset.kernel` has them. All
+are divided by a temper, because innovations are not as white as the filter assumes. Departures from the thesis: one
+filter with a bias instead of a bank without, so that steady forces and currents are no fault; a wave group as a rival,
+without which slow drift alarms hundreds of times a month.
+
+What it cannot see: a squall or a current step along a line, as large as its pull, from the loss of that line; a line
+lost before the record or in its first ten minutes; a line that keeps a good part of its pull; two lines lost at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from mooringdx.config import BankPart, RunConfig
+from mooringdx.errors import ConfigError
+from mooringdx.hypotheses.onset.bank import (
+    GROUP,
+    STEP_SHARE,
+    Beat,
+    beat,
+    information,
+    mean_drift,
+    odds_of,
+    over,
+    spread,
+)
+from mooringdx.hypotheses.onset.kernel import Odds
+from mooringdx.hypotheses.onset.verdict import Piece, checks, events
+from mooringdx.observers.forces import wind_force
+from mooringdx.observers.identify import Record, identify
+from mooringdx.observers.kalman import Filter, held
+from mooringdx.observers.matrices import Noise, Plant, plant_of
+from mooringdx.physics.frames import rotation, unwrapped
+from mooringdx.physics.mooring import Mooring
+from mooringdx.physics.vessel import vessel
+from mooringdx.results import decode, encode
+from mooringdx.types import Array, Channels, Check, Event, Posterior, locked, replace
+
+BANK = "onset_glr"
+_PLACE = ("north", "east", "heading")
+_THRUST = ("thrust_surge", "thrust_sway", "thrust_yaw")
+_WIND = ("wind_speed", "wind_direction")
+_DAY, _MONTH = 1.0 / 86400.0, 1.0 / 2592000.0
+
+
+class NoFault(Protocol):
+    """One log's channels and its no-fault pieces."""
+
+    @property
+    def channels(self) -> Channels: ...  # noqa: D102
+    @property
+    def pieces(self) -> tuple[slice, ...]: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class OnsetGlr:
+    """The bank, fitted. ``place``: (3,), m, m, rad, of the no-fault window; ``origin``: (2,), m; ``wind``: force
+    coefficients (3,); ``known``: channels whose force is known. ``bias``: (3,), N, N, N m, the filter's start;
+    ``thin``: samples of the log's clock in one of the bank's, ``step``: s of the latter; ``rates``: 1/s at full scale,
+    of all lines, an environmental step, a wave group. ``temper``: what evidence is divided by; ``drift``: N, the mean
+    drift force; ``nis``: of the filter on the no-fault window, 3 when matched; ``spread``: mean z'Lam^-1 z/2 there.
+    """
+
+    mooring: Mooring
+    plant: Plant
+    noise: Noise
+    place: tuple[float, float, float]
+    origin: tuple[float, float]
+    wind: tuple[float, float, float]
+    known: tuple[str, ...]
+    bias: Array
+    thin: int
+    step: float
+    time_scale: float
+    rates: tuple[float, float, float]
+    temper: float
+    warning: float
+    alarm: float
+    drift: float
+    nis: float
+    spread: float
+
+    @classmethod
+    def fit(cls, training: Sequence[NoFault], run: RunConfig) -> OnsetGlr:
+        """Identify the noise on the longest no-fault piece, and how far its innovations are from white.
+
+        Raises ConfigError without a vessel file, positions or heading, FitError where the window is too short.
+        """
+        from mooringdx.physics.rig import mooring_of
+
+        if not run.mooring.model:
+            raise ConfigError(f'[bank] {BANK} needs a vessel file; name one under [mooring] vessel, such as "fpso200"')
+        ship = vessel(run.mooring.model)
+        used = _known(training[0].channels)
+        longest, piece = max(((t, p) for t in training for p in t.pieces), key=lambda x: x[1].stop - x[1].start)
+        grid = longest.channels.grid
+        thin = max(1, round(1.0 / (ship.time_scale * grid.sample_time)))
+        draft = cls(
+            mooring=mooring_of(ship),
+            plant=plant_of(ship.dynamics),
+            noise=Noise((1.0,) * 3, (1.0,) * 3, (1.0,) * 3, (1.0,) * 3, 1.0, 0.1),
+            place=(0.0, 0.0, 0.0),
+            origin=(float(run.mooring.origin[0]), float(run.mooring.origin[1])),
+            wind=(ship.wind.surge, ship.wind.sway, ship.wind.yaw),
+            known=used,
+            bias=np.zeros(3),
+            thin=thin,
+            step=thin * grid.sample_time,
+            time_scale=ship.time_scale,
+            rates=_rates(run.bank, used),
+            temper=run.bank.temper,
+            warning=run.bank.warning,
+            alarm=run.bank.alarm,
+            drift=0.0,
+            nis=np.nan,
+            spread=np.nan,
+        )
+        eta, force = draft._inputs(longest.channels, piece)
+        return draft._identified(eta, force)
+
+    def _identified(self, eta: Array, force: Array) -> OnsetGlr:
+        good = eta[np.isfinite(eta).all(axis=1)]
+        middle = np.median(good, axis=0) if len(good) else np.zeros(3)
+        place = (float(middle[0]), float(middle[1]), float(middle[2]))
+        record = Record(eta, force, np.zeros(eta.shape), self.step)
+        found = identify(record, self.plant, self.mooring, self.mooring.stiffness(middle), middle)
+        new = replace(
+            self, noise=found.noise, place=place, bias=locked(found.bias), drift=mean_drift(found.noise), nis=found.nis
+        )
+        filtering = new._filter(new.mooring)
+        models = filtering.models(eta[:, 2])
+        estimate = filtering(eta, force, bias=new.bias, models=models)
+        seen = spread(estimate, models, new.mooring, new.odds, new.beat)
+        return replace(new, spread=seen, temper=max(self.temper, seen) if np.isfinite(seen) else self.temper)
+
+    @property
+    def beat(self) -> Beat:
+        """The bank's times, in its samples."""
+        return beat(self.step, self.time_scale)
+
+    @property
+    def odds(self) -> Odds:
+        """The numbers of the hypotheses."""
+        pull = float(np.mean(self.mooring.pulls(np.asarray(self.place))[0]))
+        step, group = (STEP_SHARE * pull) ** 2 * np.eye(2), (GROUP * self.drift) ** 2 * np.eye(2)
+        lines = len(self.mooring.names)
+        return odds_of(self.beat, self.time_scale, lines, self.rates, self.temper, step, group)
+
+    def _filter(self, mooring: Mooring) -> Filter:
+        return Filter(self.plant, self.noise, self.step, mooring, self.place)
+
+    def _inputs(self, channels: Channels, piece: slice = slice(None)) -> tuple[Array, Array]:
+        """Return eta from the neutral place and the known force in body axes, (m, 3) each, every ``thin``-th sample.
+
+        Forces are averaged over what is left out, because the filter holds them from sample to sample.
+        """
+        columns = [channels.names.index(c) for c in _PLACE]
+        eta = np.where(channels.valid[piece][:, columns], channels.values[piece][:, columns], np.nan)
+        eta[:, :2] -= self.origin
+        eta[:, 2] = unwrapped(eta[:, 2])
+        force = np.zeros(eta.shape)
+        for i, name in enumerate(_THRUST):
+            if name in self.known:
+                force[:, i] += held(channels.column(name)[piece][:, None])[:, 0]
+        if set(_WIND) <= set(self.known):
+            speed, direction = held(np.column_stack([channels.column(c)[piece] for c in _WIND])).T
+            force += wind_force(self.wind, speed, direction + np.pi - held(eta)[:, 2])
+        n = len(eta) // self.thin
+        return eta[: n * self.thin : self.thin], force[: n * self.thin].reshape(n, self.thin, 3).mean(axis=1)
+
+    def __call__(self, channels: Channels) -> tuple[Posterior, tuple[Event, ...], tuple[Check, ...]]:
+        """Return the posterior on the log's clock, one event a lost line, and checks.
+
+        After a line is named the filter starts anew at its onset, without that line, and the bank after a warm-up.
+        """
+        known = _known(channels)
+        if missing := [name for name in self.known if name not in known]:
+            raise ConfigError(
+                f"[bank] {BANK}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
+            )
+        eta, force = self._inputs(channels)
+        pieces = self._pieces(eta, force)
+        n = len(eta)
+        lines = self.mooring.names
+        score, probability = np.full(n, np.nan), np.zeros((n, len(lines) + 3))
+        for one in pieces:
+            score[one.first + one.skip :] = one.trace.score[one.skip :]
+            probability[one.first + one.skip :] = one.trace.probability[one.skip :]
+        grid = channels.grid
+        row = np.minimum(np.arange(grid.n) // self.thin, n - 1)
+        names = ("no fault", *(f"line_lost {line}" for line in lines), "environment", "wave group")
+        posterior = Posterior(BANK, names, grid.time, probability[row])
+        clock = (grid.start, self.step)
+        found = events(pieces, lines, self.odds, self.beat, clock, self.warning, self.alarm)
+        return posterior, found, checks(pieces, score, self.observability(), self.warning, clock)
+
+    def _pieces(self, eta: Array, force: Array) -> list[Piece]:
+        """Return one walk after another: each ends where a line was named, the next is without that line."""
+        mooring, first, skip, bias = self.mooring, 0, 0, self.bias
+        out: list[Piece] = []
+        while True:
+            filtering = self._filter(mooring)
+            models = filtering.models(eta[first:, 2])
+            estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
+            trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning)
+            out.append(Piece(first, skip, trace, float(np.nanmean(estimate.nis)) if len(eta) > first else np.nan))
+            if trace.alarm < 0 or first + trace.named >= len(eta) - 2:
+                return out
+            line, onset = out[-1].best()
+            mooring = mooring.without([mooring.names[line]])
+            bias = np.array(estimate.bias[max(onset - 1, 0)])
+            skip = trace.named - onset
+            first += onset
+
+    def observability(self) -> dict[str, dict[str, Any]]:
+        """Return, a line, the information rate ``r``, nats/s at full scale, if its loss is ``observable``, and why.
+
+        r = H^2 / (2 S_F along the line), S_F the white force that was identified: the sea of the no-fault window.
+        """
+        horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
+        one = self._filter(self.mooring).model(self.place[2])
+        lam = information(one, self.mooring.fairleads.mean(axis=0), self.beat.end)[:2, :2] / self.temper
+        turn = rotation(self.place[2])[:2, :2]
+        white = turn @ np.diag(self.noise.force[:2]) @ turn.T
+        spacing = 4.0 * self.beat.fine * self.step * self.time_scale
+        needed = float(np.log(len(horizontal) / (self.rates[0] * spacing))) + self.alarm
+        out = {}
+        for name, pull, u in zip(self.mooring.names, horizontal, direction, strict=True):
+            rate = float(pull**2 / (2.0 * u @ white @ u)) / self.time_scale
+            score = float(0.5 * pull**2 * u @ lam @ u)
+            seen = rate >= 0.1 and score >= needed
+            why = f"{rate:.2g} nats/s, evidence after 15 min {score:.3g} of the {needed:.3g} that an alarm needs"
+            out[name] = {
+                "r": rate,
+                "observable": seen,
+                "sentence": f"{name}: {why}" + ("" if seen else "; not observable in this sea"),
+            }
+        return out
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a JSON-safe mapping; it holds the lines' tables, so that no statics are solved again."""
+        body: dict[str, Any] = encode(self)
+        return body
+
+    @classmethod
+    def from_dict(cls, body: Mapping[str, Any]) -> OnsetGlr:
+        """Rebuild what `to_dict` gave."""
+        out: OnsetGlr = decode(cls, body)
+        return out
+
+
+def _known(channels: Channels) -> tuple[str, ...]:
+    for name in _PLACE:
+        if name not in channels.names:
+            raise ConfigError(f"[bank] {BANK}: the log has no '{name}'; map north, east and heading in [channels]")
+    return tuple(c for c in (*_THRUST, *_WIND) if c in channels.names)
+
+
+def _rates(bank: BankPart, known: Sequence[str]) -> tuple[float, float, float]:
+    auto = _MONTH if "wind_speed" in known else _DAY
+    step = auto if bank.environment_rate is None else bank.environment_rate
+    return bank.line_rate, step, bank.pulse_rate
