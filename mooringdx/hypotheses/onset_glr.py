@@ -39,7 +39,7 @@ from mooringdx.hypotheses.onset.bank import (
 from mooringdx.hypotheses.onset.kernel import Odds
 from mooringdx.hypotheses.onset.verdict import Piece, checks, events
 from mooringdx.observers.forces import wind_force
-from mooringdx.observers.identify import Record, identify
+from mooringdx.observers.identify import Identified, Record, identify
 from mooringdx.observers.kalman import Filter, held
 from mooringdx.observers.matrices import Noise, Plant, plant_of
 from mooringdx.physics.frames import rotation, unwrapped
@@ -52,6 +52,8 @@ BANK = "onset_glr"
 _PLACE = ("north", "east", "heading")
 _THRUST = ("thrust_surge", "thrust_sway", "thrust_yaw")
 _WIND = ("wind_speed", "wind_direction")
+_SLOWEST = 0.3
+"""rad/s at full scale: no waves are slower than 21 s."""
 _DAY, _MONTH = 1.0 / 86400.0, 1.0 / 2592000.0
 
 
@@ -66,11 +68,14 @@ class NoFault(Protocol):
 
 @dataclass(frozen=True)
 class OnsetGlr:
-    """The bank, fitted. ``place``: (3,), m, m, rad, of the no-fault window; ``origin``: (2,), m; ``wind``: force
-    coefficients (3,); ``known``: channels whose force is known. ``bias``: (3,), N, N, N m, the filter's start;
-    ``thin``: samples of the log's clock in one of the bank's, ``step``: s of the latter; ``rates``: 1/s at full scale,
-    of all lines, an environmental step, a wave group. ``temper``: what evidence is divided by; ``drift``: N, the mean
-    drift force; ``nis``: of the filter on the no-fault window, 3 when matched; ``spread``: mean z'Lam^-1 z/2 there.
+    """The bank, fitted.
+
+    ``place``: (3,), m, m, rad, of the no-fault window; ``origin``: (2,), m; ``wind``: force coefficients (3,);
+    ``known``: channels whose force is known; ``bias``: (3,), N, N, N m, the filter's start. ``thin``: samples of the
+    log's clock in one of the bank's, ``step``: s of the latter. ``rates``: 1/s at full scale, of all lines, an
+    environmental step, a wave group. ``temper``: what evidence is divided by; ``drift``: (2,), N, the mean slow drift
+    in surge and what stands for it in sway; ``nis``: of the filter on the no-fault window, 3 when matched; ``spread``:
+    mean z'Lam^-1 z/2 there.
     """
 
     mooring: Mooring
@@ -88,7 +93,7 @@ class OnsetGlr:
     temper: float
     warning: float
     alarm: float
-    drift: float
+    drift: tuple[float, float]
     nis: float
     spread: float
 
@@ -123,7 +128,7 @@ class OnsetGlr:
             temper=run.bank.temper,
             warning=run.bank.warning,
             alarm=run.bank.alarm,
-            drift=0.0,
+            drift=(0.0, 0.0),
             nis=np.nan,
             spread=np.nan,
         )
@@ -134,8 +139,7 @@ class OnsetGlr:
         good = eta[np.isfinite(eta).all(axis=1)]
         middle = np.median(good, axis=0) if len(good) else np.zeros(3)
         place = (float(middle[0]), float(middle[1]), float(middle[2]))
-        record = Record(eta, force, np.zeros(eta.shape), self.step)
-        found = identify(record, self.plant, self.mooring, self.mooring.stiffness(middle), middle)
+        found = self._noise(Record(eta, force, np.zeros(eta.shape), self.step), middle)
         new = replace(
             self, noise=found.noise, place=place, bias=locked(found.bias), drift=mean_drift(found.noise), nis=found.nis
         )
@@ -144,6 +148,20 @@ class OnsetGlr:
         estimate = filtering(eta, force, bias=new.bias, models=models)
         seen = spread(estimate, models, new.mooring, new.odds, new.beat)
         return replace(new, spread=seen, temper=max(self.temper, seen) if np.isfinite(seen) else self.temper)
+
+    def _noise(self, record: Record, middle: Array) -> Identified:
+        """Return the noise of a record; where what was taken for waves is too slow for any, sought above that.
+
+        A large vessel in a small sea moves less with the waves than its fixes scatter, and slow motion is then the
+        largest there is.
+        """
+        stiffness = self.mooring.stiffness(middle)
+        found = identify(record, self.plant, self.mooring, stiffness, middle)
+        slowest = _SLOWEST * self.time_scale
+        if found.noise.frequency >= slowest:
+            return found
+        least = np.diag(np.diag(self.plant.inertia)) * (slowest / 3.0) ** 2
+        return identify(record, self.plant, self.mooring, np.maximum(stiffness, least), middle)
 
     @property
     def beat(self) -> Beat:
@@ -154,7 +172,7 @@ class OnsetGlr:
     def odds(self) -> Odds:
         """The numbers of the hypotheses."""
         pull = float(np.mean(self.mooring.pulls(np.asarray(self.place))[0]))
-        step, group = (STEP_SHARE * pull) ** 2 * np.eye(2), (GROUP * self.drift) ** 2 * np.eye(2)
+        step, group = (STEP_SHARE * pull) ** 2 * np.eye(2), np.diag((GROUP * np.asarray(self.drift)) ** 2)
         lines = len(self.mooring.names)
         return odds_of(self.beat, self.time_scale, lines, self.rates, self.temper, step, group)
 

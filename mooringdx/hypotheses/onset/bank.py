@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mooringdx.hypotheses.onset.kernel import PULSES, Index, Odds, Rig, Slots, Tuned, walk, weighed
+from mooringdx.hypotheses.onset.kernel import PULSES, Index, Odds, Rig, Slots, Tuned, in_earth, walk, weighed
 from mooringdx.observers.kalman import Estimate
 from mooringdx.observers.matrices import STATES, Model, Noise
 from mooringdx.physics.mooring import Mooring
@@ -26,7 +26,7 @@ ALPHA_SD = 0.15
 STEP_SHARE = 0.22
 """Sd of an environmental step as a share of the lines' mean horizontal tension: 100 kN of 460 kN."""
 GROUP = 1.5
-"""Sd of a wave group's force over the mean drift force."""
+"""Sd of a wave group's force over the mean drift force of each axis."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def empty(times: Beat, lines: int) -> Slots:
     return Slots(
         np.full(most, -1, dtype=np.int64),
         np.full((most, PULSES), -1, dtype=np.int64),
-        np.zeros((most, STATES, 3)),
+        np.zeros((STATES, most, 3)),
         np.zeros((most, 3)),
         np.zeros((most, 3, 3)),
         np.zeros((most, PULSES, 3, 3)),
@@ -152,7 +152,7 @@ def over(
         at = -1
     named = first - 1 if at >= 0 else n - 1
     logs = np.empty((slots.when.size, lines + 1 + PULSES))
-    weighed(named, slots, odds, logs)
+    weighed(named, slots, odds, in_earth(odds.group, float(place[named, 2])), logs)
     return Trace(score, probability, at, named, slots.when, logs, slots.z, slots.lam, slots.pulls)
 
 
@@ -192,8 +192,8 @@ def information(one: Model, middle: Array, samples: int) -> Array:
     return out
 
 
-def mean_drift(noise: Noise) -> float:
-    """Return the mean drift force, N, behind the larger white intensity of the two axes.
+def mean_drift(noise: Noise) -> tuple[float, float]:
+    """Return the drift force, N, in surge and sway, whose slow part has the white intensity that was identified.
 
     The slow drift is the squared envelope of the waves times a coefficient: exponential, so that its sd is its mean,
     and of two-sided intensity mean^2 2 pi integral S^2 dw / (integral S dw)^2 in a sea of density S, here a JONSWAP one
@@ -204,4 +204,4 @@ def mean_drift(noise: Noise) -> float:
     omega = np.linspace(0.3, 6.0, 2000) * noise.frequency
     sea = density("jonswap", omega, 1.0, 2.0 * np.pi / noise.frequency)
     memory = 2.0 * np.pi * np.trapezoid(sea**2, omega) / np.trapezoid(sea, omega) ** 2
-    return float(np.sqrt(max(noise.force[0], noise.force[1]) / memory))
+    return float(np.sqrt(noise.force[0] / memory)), float(np.sqrt(noise.force[1] / memory))

@@ -37,7 +37,7 @@ NOTHING = -np.inf
 
 class Slots(NamedTuple):
     """What is kept of each onset. ``when``: (s,), sample, -1 where free; ``after``: (s, 3), the slot of the onset one
-    pulse later, -1 where none; ``d``: (s, 15, 3); ``z``: (s, 3); ``lam``: (s, 3, 3); ``cross``: (s, 3, 3, 3), X of
+    pulse later, -1 where none; ``d``: (15, s, 3); ``z``: (s, 3); ``lam``: (s, 3, 3); ``cross``: (s, 3, 3, 3), X of
     each pulse; ``pulls``: (s, lines, 3), N, N, N m, of each line at the onset.
     """
 
@@ -53,7 +53,8 @@ class Slots(NamedTuple):
 class Odds(NamedTuple):
     """Numbers of the hypotheses. ``fine``, ``fine_end``, ``end``: samples between onsets and until they are thinned to
     every fourth and dropped; ``pulses``: (3,), samples. ``line``, ``environment``, ``pulse``: log of rate times the
-    fine spacing; ``steadiness``: 1/sa^2; ``step``, ``group``: (2, 2), N^2, covariance of the free forces.
+    fine spacing; ``steadiness``: 1/sa^2; ``step``, ``group``: (2, 2), N^2, covariance of the free forces,
+    in earth and in body axes.
     """
 
     fine: int
@@ -122,13 +123,26 @@ def line_lost(s: float, q: float, steadiness: float) -> float:
 
 
 @njit(cache=True)
-def weighed(k: int, slots: Slots, odds: Odds, out: Array) -> None:
+def in_earth(cov: Array, heading: float) -> Array:
+    """Return a covariance of body axes, (2, 2), in earth axes."""
+    c, s = np.cos(heading), np.sin(heading)
+    a, b, d = cov[0, 0], cov[0, 1], cov[1, 1]
+    cross = c * s * (a - d) + (c * c - s * s) * b
+    return np.array(
+        [[c * c * a - 2.0 * c * s * b + s * s * d, cross], [cross, s * s * a + 2.0 * c * s * b + c * c * d]]
+    )
+
+
+@njit(cache=True)
+def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
     """Fill ``out``, (s, lines + 4), with prior times likelihood ratio, in logs, at sample k.
 
+        ``group``: (2, 2), N^2, covariance of a wave group's force, earth axes.
     Columns: lines, step of the environment, pulses.
     """
     lines = slots.pulls.shape[1]
     out[:] = NOTHING
+    z, lam = np.zeros(3), np.zeros((3, 3))
     for s in range(slots.when.size):
         age = k - slots.when[s]
         if slots.when[s] < 0 or age < 1:
@@ -138,13 +152,16 @@ def weighed(k: int, slots: Slots, odds: Odds, out: Array) -> None:
             a, b = line_size(slots.z[s], slots.lam[s], slots.pulls[s, j], odds.temper)
             out[s, j] = odds.line + wide + line_lost(a, b, odds.steadiness)
         out[s, lines] = odds.environment + wide + free_force(slots.z[s], slots.lam[s], odds.temper, odds.step)
+        step = free_force(slots.z[s], slots.lam[s], odds.temper, group)
         for i in range(PULSES):
-            z, lam = slots.z[s], slots.lam[s]
             later = slots.after[s, i]
             if later >= 0:
-                z = z - slots.z[later]
-                lam = lam + slots.lam[later] - slots.cross[s, i] - slots.cross[s, i].T
-            out[s, lines + 1 + i] = odds.pulse + wide + free_force(z, lam, odds.temper, odds.group)
+                for a in range(2):
+                    z[a] = slots.z[s, a] - slots.z[later, a]
+                    for b in range(2):
+                        lam[a, b] = slots.lam[s, a, b] + slots.lam[later, a, b]
+                        lam[a, b] -= slots.cross[s, i, a, b] + slots.cross[s, i, b, a]
+            out[s, lines + 1 + i] = odds.pulse + wide + (free_force(z, lam, odds.temper, group) if later >= 0 else step)
 
 
 @njit(cache=True)
@@ -213,38 +230,44 @@ def turned(heading: float, tuned: Tuned, middle: Array) -> tuple[Array, Array, A
 
 
 @njit(cache=True)
-def _add_product(out: Array, a: Array, b: Array) -> None:
-    """Add a'b to ``out``, all (3, 3)."""
+def _add_product(out: Array, a: Array, s: int, b: Array, t: int) -> None:
+    """Add a'b to ``out``, (3, 3), of slots ``s`` and ``t`` of two (3, slots, 3)."""
     for i in range(3):
         for j in range(3):
-            out[i, j] += a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
+            out[i, j] += a[0, s, i] * b[0, t, j] + a[1, s, i] * b[1, t, j] + a[2, s, i] * b[2, t, j]
 
 
 @njit(cache=True)
 def gathered(error: Array, K: Array, inverse: Array, slots: Slots) -> None:
     """Take one innovation, (3,), into every onset, and update what it has changed of the filter's state."""
     count = slots.when.size
-    rho, heavy = np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    for s in range(count):
-        if slots.when[s] >= 0:
-            for i in range(3):
-                for j in range(3):
-                    rho[s, i, j] = slots.d[s, i, j] + slots.d[s, 12 + i, j]
-            heavy[s] = inverse @ rho[s]
+    flat = slots.d.reshape(15, 3 * count)
+    moved = flat[:3] + flat[12:]
+    flat -= K @ moved
+    rho, heavy = moved.reshape(3, count, 3), (inverse @ moved).reshape(3, count, 3)
     for s in range(count):
         if slots.when[s] < 0:
             continue
         for i in range(3):
-            for j in range(3):
-                slots.z[s, i] += heavy[s, j, i] * error[j]
-        _add_product(slots.lam[s], rho[s], heavy[s])
+            for m in range(3):
+                slots.z[s, i] += heavy[m, s, i] * error[m]
+        _add_product(slots.lam[s], rho, s, heavy, s)
         for i in range(PULSES):
             later = slots.after[s, i]
             if later >= 0:
-                _add_product(slots.cross[s, i], rho[s], heavy[later])
-        for i in range(15):
-            for j in range(3):
-                slots.d[s, i, j] -= K[i, 0] * rho[s, 0, j] + K[i, 1] * rho[s, 1, j] + K[i, 2] * rho[s, 2, j]
+                _add_product(slots.cross[s, i], rho, s, heavy, later)
+
+
+@njit(cache=True)
+def carried(F: Array, G: Array, slots: Slots) -> None:
+    """Carry what every onset has changed of the filter's state to the next sample, a unit force acting on."""
+    count = slots.when.size
+    slots.d[:] = (F @ slots.d.reshape(15, 3 * count)).reshape(15, count, 3)
+    for s in range(count):
+        if slots.when[s] >= 0:
+            for i in range(15):
+                for j in range(3):
+                    slots.d[i, s, j] += G[i, j]
 
 
 @njit(cache=True)
@@ -286,7 +309,7 @@ def born(k: int, pulls: Array, slots: Slots, odds: Odds) -> int:
         free += 1
     slots.when[free] = k
     slots.after[free] = -1
-    slots.d[free] = 0.0
+    slots.d[:, free] = 0.0
     slots.z[free] = 0.0
     slots.lam[free] = 0.0
     slots.cross[free] = 0.0
@@ -315,14 +338,12 @@ def walk(
         F, G, K, inverse = turned(place[k, 2], tuned, middle)
         if np.isfinite(innovation[k]).all():
             gathered(innovation[k], K, inverse, slots)
-        weighed(k, slots, odds, logs)
+        weighed(k, slots, odds, in_earth(odds.group, place[k, 2]), logs)
         score[k] = together(logs, probability[k])
         aged(k, slots, odds)
         if k >= quiet and k % odds.fine == 0:
             born(k, line_pulls(place[k], rig, middle), slots, odds)
-        for s in range(slots.when.size):
-            if slots.when[s] >= 0:
-                slots.d[s] = F @ slots.d[s] + G
+        carried(F, G, slots)
         if score[k] >= stop:
             return k
     return last
