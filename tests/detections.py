@@ -266,6 +266,57 @@ def line_lost(n: int = 15000) -> Detection:
     return _build(ONSET, None, "supported", n, events=(event,))
 
 
+def _forces(grid: Grid, change: float, seed: int = 5) -> Residuals:
+    """The balance of forces: a slow common force, and a difference that steps with line_4 (or with its gauge)."""
+    rng = np.random.default_rng(seed)
+    names = tuple(f"{word} {axis}" for word in ("common", "difference") for axis in ("force north", "force east"))
+    towards = np.r_[np.cos(AZIMUTH[3]), np.sin(AZIMUTH[3])]
+    late = (grid.time >= ONSET)[:, None]
+    common = 0.08 * np.column_stack([_slow(rng, grid.n) for _ in range(2)])
+    across = 0.5 * late * np.r_[-towards[1], towards[0]]
+    difference = 0.02 * np.column_stack([_colour(rng, grid.n) for _ in range(2)]) + change * late * towards
+    values = np.hstack([common + 0.5 * change * late * towards + across, difference])
+    faults = (Fault("line_lost", "line_4"), Fault("sensor_fault", "tension_4"), Fault("environment", "force"))
+    matrix = np.vstack([np.r_[towards / 2, towards], np.r_[-towards / 2, towards], np.r_[towards, 0.0, 0.0]])
+    signatures = Signatures(faults, names, matrix, ("N",) * 3, np.full(3, np.nan), np.r_[-1.0, 0.0, 0.0])
+    return Residuals(names, ("N",) * 4, grid, values, np.isfinite(values), signatures)
+
+
+@lru_cache
+def untold() -> Detection:
+    """line_4 or its gauge, with the force across the line grown in the same minute: the forces refuse to tell."""
+    why = "the environment changed at the same time (force across the line 2.6 times its limit)"
+    event = Event(
+        kind="unknown",
+        subject="line_4",
+        onset=1300.1,
+        onset_interval=(1299.2, 1300.8),
+        detected=1301.6,
+        named=1316.6,
+        size=-3.9,
+        size_unit="N",
+        size_interval=(-4.1, -3.7),
+        rivals=(
+            Rival("line_lost", "line_4", 0.62, why),
+            Rival("sensor_fault", "tension_4", 0.38, why),
+            Rival("environment", "force", 0.5, "the force changed across the line as well"),
+        ),
+        cannot_tell=f"line_4 lost or sensor tension_4 wrong: {why}",
+        evidence={
+            "detector": "glrt (main branch)",
+            "peak": 812.4,
+            "threshold": 10.3,
+            "channels": ["tension_4"],
+            "discrimination": 6.1,
+            "log_likelihood_ratio": 0.5,
+            "environment_gate": 2.6,
+            "cause_told": 1343.0,
+        },
+    )
+    base = _build(ONSET, None, "supported", events=(event,))
+    return replace(base, name="tank_run_11", forces=_forces(base.channels.grid, -3.9))
+
+
 @lru_cache
 def sensor_fault() -> Detection:
     """Gauge 3 reads 0.6 N too much from 900 s; extrapolated threshold; two faults cannot be told apart."""
@@ -429,6 +480,7 @@ def adrift() -> Detection:
 
 ALL = {
     "line_lost": line_lost,
+    "untold": untold,
     "sensor_fault": sensor_fault,
     "nothing_found": nothing_found,
     "cannot_be_judged": cannot_be_judged,

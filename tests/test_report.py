@@ -193,7 +193,7 @@ def test_summary_has_one_row_a_log() -> None:
             io.StringIO(report.summary_csv([report.summary_row(build()) for build in detections.ALL.values()]))
         )
     )
-    assert [r["verdict"] for r in rows].count("fault_found") == 4
+    assert [r["verdict"] for r in rows].count("fault_found") == 5
     assert rows[0]["subject"] == "line_4"
     assert rows[2]["kind"] == ""
 
