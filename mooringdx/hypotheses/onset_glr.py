@@ -215,7 +215,7 @@ class OnsetGlr:
         score, probability = np.full(n, np.nan), np.zeros((n, len(lines) + 3))
         for one in pieces:
             score[one.first + one.skip :] = one.trace.score[one.skip :]
-            probability[one.first + one.skip :] = one.trace.probability[one.skip :]
+            probability[one.first + one.skip :] = one.after()
         grid = channels.grid
         row = np.minimum(np.arange(grid.n) // self.thin, n - 1)
         names = ("no fault", *(f"line_lost {line}" for line in lines), "environment", "wave group")
@@ -226,20 +226,20 @@ class OnsetGlr:
 
     def _pieces(self, eta: Array, force: Array) -> list[Piece]:
         """Return one walk after another: each ends where a line was named, the next is without that line."""
-        mooring, first, skip, bias = self.mooring, 0, 0, self.bias
+        mooring, first, skip, gone, bias = self.mooring, 0, 0, -1, self.bias
         out: list[Piece] = []
         while True:
             filtering = self._filter(mooring)
             models = filtering.models(eta[first:, 2])
             estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
             trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning)
-            out.append(Piece(first, skip, trace, float(np.nanmean(estimate.nis)) if len(eta) > first else np.nan))
+            out.append(Piece(first, skip, gone, trace, _mean(estimate.nis)))
             if trace.alarm < 0 or first + trace.named >= len(eta) - 2:
                 return out
-            line, onset = out[-1].best()
-            mooring = mooring.without([mooring.names[line]])
+            gone, onset = out[-1].best()
+            mooring = mooring.without([mooring.names[gone]])
             bias = np.array(estimate.bias[max(onset - 1, 0)])
-            skip = trace.named - onset
+            skip = trace.named - onset + 1
             first += onset
 
     def observability(self) -> dict[str, dict[str, Any]]:
@@ -277,6 +277,11 @@ class OnsetGlr:
         """Rebuild what `to_dict` gave."""
         out: OnsetGlr = decode(cls, body)
         return out
+
+
+def _mean(values: Array) -> float:
+    good = values[np.isfinite(values)]
+    return float(good.mean()) if good.size else np.nan
 
 
 def _known(channels: Channels) -> tuple[str, ...]:

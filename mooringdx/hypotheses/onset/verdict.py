@@ -22,12 +22,24 @@ LOUD = 1.5
 
 @dataclass(frozen=True)
 class Piece:
-    """One walk: from sample ``first`` of the log; its own samples before ``skip`` repeat the walk before."""
+    """One walk: from sample ``first`` of the log; its own samples before ``skip`` repeat the walk before.
+
+    ``gone``: the line that was named just before, -1 where none.
+    """
 
     first: int
     skip: int
+    gone: int
     trace: Trace
     nis: float
+
+    def after(self) -> Array:
+        """Return the probabilities from ``skip`` on; without another fault it is the line that was named before."""
+        out = np.array(self.trace.probability[self.skip :])
+        if self.gone >= 0:
+            out[:, 1 + self.gone] += out[:, 0]
+            out[:, 0] = 0.0
+        return out
 
     def best(self) -> tuple[int, int]:
         """Return the likeliest line and its likeliest onset, in this walk's samples."""

@@ -1,0 +1,390 @@
+"""Truth: brute force (explicit matrices, quadrature), analytic (a noise-free plant feels a force), the simulator."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mooringdx.config import RunConfig, load_run
+from mooringdx.errors import ConfigError
+from mooringdx.hypotheses.onset.bank import (
+    Beat,
+    beat,
+    empty,
+    in_earth,
+    information,
+    mean_drift,
+    odds_of,
+    over,
+    spread,
+    tuned,
+    weighed,
+)
+from mooringdx.hypotheses.onset.kernel import Odds, Rig, Slots, line_pulls, together, walk
+from mooringdx.hypotheses.onset.verdict import runs
+from mooringdx.hypotheses.onset_glr import OnsetGlr
+from mooringdx.observers.kalman import Filter
+from mooringdx.observers.matrices import Model, Noise, plant_of
+from mooringdx.physics.frames import rotation
+from mooringdx.physics.rig import mooring_of
+from mooringdx.physics.vessel import VesselModel, load_vessel
+from mooringdx.pipeline import prepare
+from mooringdx.residuals.training import Training
+from mooringdx.simulate import Scenario, load_scenario, simulate
+from mooringdx.simulate.record import stream
+from mooringdx.types import Array, Channels, replace
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+NOISE = Noise((6e10, 2e10, 1e13), (4e5, 4e5, 1e12), (0.015, 0.015, 6e-4), (0.005, 0.005, 5e-5), 0.9, 0.1)
+QUICK = Beat(1.0, 2, 12, 40, (8, 16, 32), 24, 6)
+ONSET = 1500.0
+
+
+def ship() -> VesselModel:
+    return load_vessel(CONFIGS / "vessels" / "fpso200.toml")
+
+
+def odds(times: Beat, temper: float = 2.0) -> Odds:
+    return odds_of(times, 1.0, 8, (3e-8, 1e-5, 1.6e-3), temper, 1e10 * np.eye(2), np.diag([1.4e10, 0.5e10]))
+
+
+# The loops against explicit matrices
+
+
+def wide(turn: Array) -> Array:
+    """Return the turn of all earth-axes states of the filter."""
+    out = np.eye(15)
+    for i in (0, 6, 9, 12):
+        out[i : i + 3, i : i + 3] = turn
+    return out
+
+
+def nearest(models: tuple[Model, ...], heading: float) -> tuple[Array, Array, Array, Array]:
+    """Return F, G (body force), K and S of the model at ``heading``, turned to it, by matrices alone."""
+    one = models[int(np.argmin([abs(heading - m.heading) for m in models]))]
+    small = rotation(heading - one.heading)
+    big = wide(small)
+    return big @ one.F @ big.T, big @ one.G, big @ one.K @ small.T, small @ one.S @ small.T
+
+
+def responses(models: tuple[Model, ...], headings: Array, seen: Array, span: tuple[int, int], middle: Array) -> Array:
+    """Return the innovations of unit forces (north, east at ``middle``, moment) that act over ``span``, (n, 3, 3)."""
+    d, out = np.zeros((15, 3)), np.zeros((len(headings), 3, 3))
+    for k, heading in enumerate(headings):
+        F, G, K, _ = nearest(models, heading)
+        out[k] = d[:3] + d[12:]
+        if seen[k]:
+            d = d - K @ out[k]
+        arm = rotation(heading)[:2, :2] @ middle
+        forces = rotation(heading).T @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-arm[1], arm[0], 1.0]])
+        d = F @ d + (G @ forces if span[0] <= k < span[1] else 0.0)
+    return out
+
+
+def evidence(models: tuple[Model, ...], headings: Array, errors: Array, rho: Array) -> tuple[Array, Array]:
+    """Return z and Lam of a response."""
+    z, lam = np.zeros(3), np.zeros((3, 3))
+    for k, heading in enumerate(headings):
+        if np.isfinite(errors[k]).all():
+            inverse = np.linalg.inv(nearest(models, heading)[3])
+            z += rho[k].T @ inverse @ errors[k]
+            lam += rho[k].T @ inverse @ rho[k]
+    return z, lam
+
+
+def marginal(z: Array, lam: Array, cov: Array) -> float:
+    """Return the log of the mean likelihood ratio over f ~ N(0, cov), by the Gaussian integral."""
+    precision = np.linalg.inv(cov)
+    a = lam + precision
+    return float(
+        0.5 * z @ np.linalg.solve(a, z) - 0.5 * np.linalg.slogdet(a)[1] + 0.5 * np.linalg.slogdet(precision)[1]
+    )
+
+
+def over_share(s: float, q: float) -> float:
+    """Return the log of the mean of exp(alpha s - alpha^2 q/2) over alpha ~ N(1, .15^2), by quadrature."""
+    alpha = 1.0 + 0.15 * np.linspace(-12.0, 12.0, 40001)
+    logs = alpha * s - 0.5 * alpha**2 * q - 0.5 * ((alpha - 1.0) / 0.15) ** 2
+    top = logs.max()
+    return float(top + np.log(np.trapezoid(np.exp(logs - top), alpha) / (0.15 * np.sqrt(2.0 * np.pi))))
+
+
+def walked(n: int) -> tuple[tuple[Model, ...], Array, Array, Slots, Array, Array, Odds, Any]:
+    """Return models, places, innovations (with a gap) and what a walk over them leaves."""
+    mooring = replace(mooring_of(ship()), fairleads=np.tile([30.0, 5.0], (8, 1)))
+    rng = stream(3, "onset")
+    place = np.column_stack([rng.normal(0.0, 3.0, (n, 2)), 3.9 + 0.2 * np.sin(0.05 * np.arange(n))])
+    models = Filter(plant_of(ship().dynamics), NOISE, 1.0, mooring, (0.0, 0.0, 3.9)).models(place[:, 2])
+    errors = rng.normal(0.0, 1.0, (n, 3)) * np.sqrt(np.diag(models[0].S)) * 3.0
+    errors[n // 2 : n // 2 + 4] = np.nan
+    slots, settled = empty(QUICK, 8), odds(QUICK)
+    rig = Rig(mooring.anchors, mooring.fairleads, mooring.start, mooring.step, mooring.horizontal)
+    middle = mooring.fairleads.mean(axis=0)
+    score, chance = np.full(n, np.nan), np.zeros((n, 11))
+    walk(0, n, np.inf, QUICK.warm, errors, place, tuned(models), rig, middle, settled, slots, score, chance)
+    return models, place, errors, slots, score, chance, settled, (mooring, rig, middle)
+
+
+def test_every_hypothesis_is_what_explicit_matrices_and_quadrature_give() -> None:
+    n = 61
+    models, place, errors, slots, score, chance, settled, (mooring, _, middle) = walked(n)
+    seen, headings = np.isfinite(errors).all(axis=1), place[:, 2]
+    group = in_earth(settled.group, headings[-1])
+    turn = rotation(headings[-1])[:2, :2]
+    assert group == pytest.approx(turn @ settled.group @ turn.T, rel=1e-12)
+    logs = np.empty((slots.when.size, 12))
+    weighed(n - 1, slots, settled, group, logs)
+    old = [int(k) for k in sorted(slots.when) if 0 <= k < n - 1]
+    ages = n - 1 - np.array(old)
+    assert all(k % 8 == 0 for k in np.array(old)[ages > 12]), "old onsets are thinned to every fourth"
+    assert ages.max() <= 40
+    assert len(old) > 8
+    for k in old:
+        row = logs[list(slots.when).index(k)]
+        z, lam = evidence(models, headings, errors, responses(models, headings, seen, (k, n), middle))
+        prior = np.log(4.0) if n - 1 - k > 12 else 0.0
+        horizontal, _, along = mooring.pulls(place[k])
+        arms = (mooring.fairleads - middle) @ rotation(headings[k])[:2, :2].T
+        for j in range(8):
+            moment = arms[j, 0] * along[j, 1] - arms[j, 1] * along[j, 0]
+            h = horizontal[j] * np.array([*along[j], moment])
+            want = settled.line + prior + over_share(-h @ z / 2.0, h @ lam @ h / 2.0)
+            assert row[j] == pytest.approx(want, rel=1e-9, abs=1e-7)
+        want = settled.environment + prior + marginal(z[:2] / 2.0, lam[:2, :2] / 2.0, settled.step)
+        assert row[8] == pytest.approx(want, rel=1e-9, abs=1e-9)
+        for i, length in enumerate(QUICK.pulses):
+            rho = responses(models, headings, seen, (k, k + length), middle)
+            z, lam = evidence(models, headings, errors, rho)
+            want = settled.pulse + prior + marginal(z[:2] / 2.0, lam[:2, :2] / 2.0, group)
+            assert row[9 + i] == pytest.approx(want, rel=1e-9, abs=1e-9)
+    worth = np.exp(logs[np.isfinite(logs[:, 0])])
+    rest = 1.0 + worth[:, 8:].sum()
+    assert score[-1] == pytest.approx(np.log(worth[:, :8].sum() / rest), rel=1e-9)
+    assert chance[-1, 1:9] == pytest.approx(worth[:, :8].sum(axis=0) / (rest + worth[:, :8].sum()), rel=1e-9)
+    assert chance[QUICK.warm :].sum(axis=1) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_a_force_that_a_noise_free_plant_feels_is_recovered() -> None:
+    one = Filter(plant_of(ship().dynamics), NOISE, 1.0, mooring_of(ship()), (0.0, 0.0, 3.9)).model(3.9)
+    force, x, hat = np.array([2.1e5, -1.3e5, 4e6]), np.zeros(15), np.zeros(15)
+    z, lam = np.zeros(3), np.zeros((3, 3))
+    inverse = np.linalg.inv(one.S)
+    d, G = np.zeros((15, 3)), one.G @ rotation(3.9).T
+    for k in range(200):
+        e, rho = one.C @ (x - hat), one.C @ d
+        z += rho.T @ inverse @ e
+        lam += rho.T @ inverse @ rho
+        hat = one.F @ (hat + one.K @ e)
+        x = one.F @ x + (G @ force if k >= 20 else 0.0)
+        d = one.F @ (d - one.K @ rho) + (G if k >= 20 else 0.0)
+    assert np.linalg.solve(lam, z) == pytest.approx(force, rel=1e-6)
+    assert information(one, np.zeros(2), 179) == pytest.approx(lam, rel=1e-9)
+
+
+def test_a_group_that_has_not_ended_is_weighed_like_a_step() -> None:
+    n = 61
+    _, _, _, slots, _, _, settled, _ = walked(n)
+    logs = np.empty((slots.when.size, 12))
+    weighed(n - 1, slots, settled, settled.step, logs)
+    young = (slots.when >= 0) & (slots.when > n - 1 - 8) & (slots.when < n - 1)
+    assert young.sum() >= 3
+    for i in range(3):
+        assert logs[young, 9 + i] - settled.pulse == pytest.approx(logs[young, 8] - settled.environment, rel=1e-12)
+
+
+def test_evidence_of_hundreds_of_nats_neither_overflows_nor_is_lost() -> None:
+    logs = np.full((4, 12), -np.inf)
+    logs[1, 2], logs[2, 8], logs[3, 9] = 2000.0, 1990.0, -3000.0
+    row = np.empty(11)
+    assert together(logs, row) == pytest.approx(10.0)
+    assert row[3] == pytest.approx(1.0 / (1.0 + np.exp(-10.0)))
+    assert row.sum() == pytest.approx(1.0)
+
+
+def test_white_innovations_have_a_spread_of_one() -> None:
+    mooring = mooring_of(ship())
+    filtering = Filter(plant_of(ship().dynamics), NOISE, 1.0, mooring, (0.0, 0.0, 3.9))
+    models = filtering.models(np.full(9, 3.9))
+    rng, n = stream(8, "white"), 16000
+    quiet = filtering(np.tile([0.0, 0.0, 3.9], (40, 1)))
+    at = int(np.argmin([abs(m.heading - 3.9) for m in models]))
+    root = np.linalg.cholesky(models[at].S)
+    made = replace(quiet, innovation=rng.standard_normal((n, 3)) @ root.T, position=np.tile([0.0, 0.0, 3.9], (n, 1)))
+    times = beat(1.0, 1.0)
+    assert spread(made, models, mooring, odds(times, 1.0), times) == pytest.approx(1.0, abs=0.2)
+
+
+def test_times_follow_the_scale_of_the_vessel() -> None:
+    sea = beat(1.0, 1.0)
+    assert (sea.fine, sea.fine_end, sea.end, sea.pulses) == (5, 180, 900, (20, 40, 80))
+    assert (sea.confirm, sea.warm) == (60, 600)
+    tank = beat(0.2, 6.06)
+    assert tank.fine == 4
+    assert tank.end * 0.2 * 6.06 == pytest.approx(900.0, rel=0.05)
+
+
+def test_the_drift_behind_a_white_force_is_that_of_a_squared_envelope() -> None:
+    """Brute force: a JONSWAP sea's squared envelope, its mean 1, has this intensity at the lowest frequencies."""
+    from scipy.signal import welch
+
+    from mooringdx.simulate.scenario import Sea
+    from mooringdx.simulate.sea import draw_waves, squared_envelope
+    from mooringdx.simulate.streams import streams
+
+    waves = draw_waves(streams(5), 200_000, 0.5, Sea(height=1.0, peak_period=7.0))
+    force = squared_envelope(waves)
+    frequency, density = welch(force, 2.0, nperseg=2048)
+    low = float(np.mean(density[(frequency > 0.001) & (frequency < 0.006)])) / 2.0  # two-sided
+    found = mean_drift(replace(NOISE, force=(low, low, 1.0), frequency=2.0 * np.pi / 7.0))
+    assert found == pytest.approx((float(force.mean()),) * 2, rel=0.12)
+
+
+# On the simulator
+
+
+def log_of(seed: int, duration: float, faults: tuple[tuple[str, float], ...] = (), **change: Any) -> Channels:
+    """Return a log of the FPSO at Hs 2.5 m, two samples a second, positions, heading and thrust alone."""
+    body = load_scenario(CONFIGS / "scenarios" / "fpso_line_lost.toml").model_dump(mode="json")
+    body["record"] = {"duration": duration, "sample_time": 0.5, "settle": 1500.0}
+    body["faults"] = [{"kind": "line_lost", "subject": line, "onset": onset} for line, onset in faults]
+    log, _ = simulate(Scenario.model_validate(body | change), 1, seed)
+    kept = {name: s for name, s in log.signals.items() if not name.startswith("tension")}
+    return prepare(type(log)(kept, log.source), run_file())
+
+
+def run_file(**bank: Any) -> RunConfig:
+    run = load_run(CONFIGS / "runs" / "fpso_position.toml")
+    clock = run.clock.model_copy(update={"sample_time": 0.5})
+    return run.model_copy(update={"clock": clock, "bank": run.bank.model_copy(update=bank)})
+
+
+@pytest.fixture(scope="module")
+def bank() -> OnsetGlr:
+    channels = log_of(100, 4200.0)
+    return OnsetGlr.fit([Training(channels, (slice(0, channels.grid.n),))], run_file())
+
+
+@pytest.fixture(scope="module")
+def lost() -> Channels:
+    return log_of(101, 2600.0, (("line_8", ONSET),))
+
+
+def test_a_lost_line_is_found_named_dated_and_sized(bank: OnsetGlr, lost: Channels) -> None:
+    posterior, events, checks = bank(lost)
+    (event,) = events
+    assert (event.kind, event.subject) == ("line_lost", "line_8")
+    assert ONSET < event.evidence["warning"] <= event.detected < ONSET + 120.0
+    assert event.named == event.detected + 60.0
+    assert event.onset_interval[0] <= ONSET <= event.onset_interval[1]
+    assert event.size_interval is not None
+    assert event.size_interval[0] < 1.0 < event.size_interval[1]
+    along = np.array([1.0, -1.0]) / np.sqrt(2.0)
+    assert np.array(event.evidence["force"]) @ along == pytest.approx(-4.6e5, rel=0.3), "away from the anchor, H0"
+    assert "squall" in str(event.cannot_tell)
+    rivals = {(r.kind, r.subject): r.probability for r in event.rivals}
+    at = int(event.named / 0.5)
+    assert posterior.probability.sum(axis=1) == pytest.approx(1.0)
+    assert event.probability == pytest.approx(posterior.probability[at, 8])
+    assert posterior.probability[-1, [8, 10]].sum() > 0.95, "a line that was named stays lost, wave groups come and go"
+    assert posterior.probability[-1, 0] == 0.0
+    for j in range(1, 8):
+        assert (posterior.probability[at, j] >= 0.05) == (("line_lost", f"line_{j}") in rivals)
+    assert (posterior.probability[at, 9] >= 0.05) == (("environment", "force") in rivals)
+    assert next(c for c in checks if c.name == "forces as learned").passed
+
+
+def test_a_healthy_log_with_a_wandering_current_raises_nothing(bank: OnsetGlr) -> None:
+    posterior, events, _ = bank(log_of(102, 7200.0))
+    assert events == ()
+    assert posterior.time.size == posterior.probability.shape[0] == 14400
+
+
+def test_what_is_said_does_not_hang_on_what_comes_after(bank: OnsetGlr, lost: Channels) -> None:
+    cut = 2 * 1540
+    part = replace(lost, grid=replace(lost.grid, n=cut), values=lost.values[:cut], valid=lost.valid[:cut])
+    whole, early = bank(lost)[0].probability[:cut], bank(part)[0].probability
+    assert early == pytest.approx(whole, rel=1e-9, abs=1e-12)
+
+
+def test_after_a_named_line_the_watch_goes_on_without_it(bank: OnsetGlr) -> None:
+    _, events, _ = bank(log_of(103, 4200.0, (("line_2", ONSET), ("line_4", 3000.0))))
+    assert [e.subject for e in events] == ["line_2", "line_4"]
+    assert 3000.0 < events[1].detected < 3300.0
+
+
+def test_a_gap_is_bridged_and_makes_no_alarm(bank: OnsetGlr, lost: Channels) -> None:
+    valid = np.array(lost.valid)
+    valid[2 * 1200 : 2 * 1260] = False
+    _, events, _ = bank(replace(lost, valid=valid))
+    assert [e.subject for e in events] == ["line_8"]
+
+
+def test_a_squall_along_a_line_is_named_as_a_rival_or_not_taken_for_a_line(bank: OnsetGlr) -> None:
+    trap = {"mode": "squall", "onset": ONSET, "ramp": 60.0, "size": 10.0, "direction": 45.0}
+    _, events, _ = bank(log_of(104, 2600.0, traps=[trap]))
+    assert all(e.cannot_tell is not None and "squall" in e.cannot_tell for e in events)
+
+
+def test_an_alarm_that_sinks_is_told_as_cleared(bank: OnsetGlr, lost: Channels) -> None:
+    eager = replace(bank, alarm=-9.0, warning=-8.5)
+    events = eager(lost)[1]
+    assert any(e.cleared is not None for e in events)
+    assert events[-1].subject == "line_8"
+    assert runs(np.array([np.nan, 1.0, 2.0, -1.0, 3.0]), 0.5) == [(1, 3), (4, 5)]
+
+
+def test_the_bank_survives_json(bank: OnsetGlr, lost: Channels) -> None:
+    again = OnsetGlr.from_dict(json.loads(json.dumps(bank.to_dict())))
+    assert again(lost)[1:] == bank(lost)[1:]
+
+
+def test_observability_is_the_rate_and_falls_with_the_sea(bank: OnsetGlr) -> None:
+    rows = bank.observability()
+    horizontal, _, along = bank.mooring.pulls(np.asarray(bank.place))
+    turn = rotation(bank.place[2])[:2, :2]
+    u = turn.T @ along[7]
+    white = u[0] ** 2 * bank.noise.force[0] + u[1] ** 2 * bank.noise.force[1]
+    assert rows["line_8"]["r"] == pytest.approx(horizontal[7] ** 2 / (2.0 * white))
+    assert all(row["observable"] for row in rows.values())
+    rough = replace(bank, noise=replace(bank.noise, force=tuple(40.0 * x for x in bank.noise.force)))
+    blind = rough.observability()
+    assert blind["line_7"]["r"] == pytest.approx(rows["line_7"]["r"] / 40.0)
+    assert not blind["line_7"]["observable"]
+    assert "not observable in this sea" in blind["line_7"]["sentence"]
+
+
+def test_the_priors_of_the_run_file_are_used() -> None:
+    settled = odds(beat(1.0, 1.0))
+    assert settled.line == pytest.approx(np.log(3e-8 * 5.0 / 8.0))
+    assert settled.pulse == pytest.approx(np.log(1.6e-3 * 5.0 / 3.0))
+
+
+def test_what_the_bank_needs_is_asked_for(bank: OnsetGlr, lost: Channels) -> None:
+    training = [Training(lost, (slice(0, 2000),))]
+    bare = run_file().model_copy(update={"mooring": run_file().mooring.model_copy(update={"model": {}})})
+    with pytest.raises(ConfigError, match="vessel"):
+        OnsetGlr.fit(training, bare)
+    names = tuple("x_heading" if name == "heading" else name for name in lost.names)
+    with pytest.raises(ConfigError, match="heading"):
+        bank(replace(lost, names=names))
+    names = tuple("x_thrust" if name == "thrust_sway" else name for name in lost.names)
+    with pytest.raises(ConfigError, match="thrust_sway"):
+        bank(replace(lost, names=names))
+
+
+def test_an_alarm_stops_the_walk_a_minute_later(bank: OnsetGlr, lost: Channels) -> None:
+    mooring = bank.mooring
+    filtering = Filter(bank.plant, bank.noise, bank.step, mooring, bank.place)
+    eta, force = bank._inputs(lost)
+    models = filtering.models(eta[:, 2])
+    trace = over(filtering(eta, force, bias=bank.bias, models=models), models, mooring, bank.odds, bank.beat, 0.0, -3.0)
+    assert trace.named == trace.alarm + bank.beat.confirm
+    assert trace.score[trace.alarm] >= 0.0 > trace.score[trace.alarm - 1]
+    assert np.isnan(trace.score[trace.named + 1 :]).all()
+    rig = Rig(mooring.anchors, mooring.fairleads, mooring.start, mooring.step, mooring.horizontal)
+    pulls = line_pulls(np.array([3.0, -2.0, 3.9]), rig, np.zeros(2))
+    assert pulls.sum(axis=0) == pytest.approx(mooring.force(np.array([3.0, -2.0, 3.9])), rel=1e-9, abs=1e-3)
