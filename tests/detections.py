@@ -480,10 +480,10 @@ def adrift() -> Detection:
 
 ALL = {
     "line_lost": line_lost,
-    "untold": untold,
     "sensor_fault": sensor_fault,
     "nothing_found": nothing_found,
     "cannot_be_judged": cannot_be_judged,
     "dirty": dirty,
     "adrift": adrift,
+    "untold": untold,
 }
