@@ -105,12 +105,16 @@ def marginal(z: Array, lam: Array, cov: Array) -> float:
     )
 
 
-def over_share(s: float, q: float) -> float:
-    """Return the log of the mean of exp(alpha s - alpha^2 q/2) over alpha ~ N(1, .15^2), by quadrature."""
-    alpha = 1.0 + 0.15 * np.linspace(-12.0, 12.0, 40001)
-    logs = alpha * s - 0.5 * alpha**2 * q - 0.5 * ((alpha - 1.0) / 0.15) ** 2
+def over_shares(z: Array, lam: Array, h: Array) -> float:
+    """Return the log of the mean of exp(f'z - f'Lam f/2) over f ~ N(-h, 15 % along and 10 % across), by quadrature."""
+    node = np.linspace(-9.0, 9.0, 181)
+    along, across = np.meshgrid(node, node)
+    side = np.array([-h[1], h[0], 0.0])
+    flat = np.array([h[0], h[1], 0.0])
+    f = -h + 0.15 * along[..., None] * flat + 0.10 * across[..., None] * side
+    logs = f @ z - 0.5 * np.einsum("abi,ij,abj->ab", f, lam, f) - 0.5 * (along**2 + across**2)
     top = logs.max()
-    return float(top + np.log(np.trapezoid(np.exp(logs - top), alpha) / (0.15 * np.sqrt(2.0 * np.pi))))
+    return float(top + np.log(np.trapezoid(np.trapezoid(np.exp(logs - top), node), node) / (2.0 * np.pi)))
 
 
 def walked(n: int) -> tuple[tuple[Model, ...], Array, Array, Slots, Array, Array, Odds, Any]:
@@ -152,7 +156,7 @@ def test_every_hypothesis_is_what_explicit_matrices_and_quadrature_give() -> Non
         for j in range(8):
             moment = arms[j, 0] * along[j, 1] - arms[j, 1] * along[j, 0]
             h = horizontal[j] * np.array([*along[j], moment])
-            want = settled.line + prior + over_share(-h @ z / 2.0, h @ lam @ h / 2.0)
+            want = settled.line + prior + over_shares(z / 2.0, lam / 2.0, h)
             assert row[j] == pytest.approx(want, rel=1e-9, abs=1e-7)
         want = settled.environment + prior + marginal(z[:2] / 2.0, lam[:2, :2] / 2.0, settled.step)
         assert row[8] == pytest.approx(want, rel=1e-9, abs=1e-9)
@@ -323,9 +327,16 @@ def test_a_gap_is_bridged_and_makes_no_alarm(bank: OnsetGlr, lost: Channels) -> 
     assert [e.subject for e in events] == ["line_8"]
 
 
-def test_a_squall_along_a_line_is_named_as_a_rival_or_not_taken_for_a_line(bank: OnsetGlr) -> None:
-    trap = {"mode": "squall", "onset": ONSET, "ramp": 60.0, "size": 10.0, "direction": 45.0}
-    _, events, _ = bank(log_of(104, 2600.0, traps=[trap]))
+@pytest.mark.parametrize(("speed", "lines"), [(25.6, ["line_7"]), (16.0, [])])
+def test_a_sudden_squall_as_large_as_a_line_is_taken_for_it_and_the_event_says_so(
+    bank: OnsetGlr, speed: float, lines: list[str]
+) -> None:
+    """A limit, stated: 700 N/(m/s)2 at 25.6 m/s is the pull of line 7, which lies ahead; at 16 m/s it is 39 % of it."""
+    trap = {"mode": "squall", "onset": ONSET, "ramp": 20.0, "size": speed, "direction": 225.0}
+    unseen = {"logged": False, "noise": 0.0, "quantum": 0.0}
+    made = load_scenario(CONFIGS / "scenarios" / "fpso_line_lost.toml").model_dump(mode="json")["sensors"]
+    _, events, _ = bank(log_of(104, 2600.0, traps=[trap], sensors=made | {"wind": unseen}))
+    assert [e.subject for e in events] == lines
     assert all(e.cannot_tell is not None and "squall" in e.cannot_tell for e in events)
 
 

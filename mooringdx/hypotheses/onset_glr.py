@@ -5,11 +5,11 @@ force by -alpha H_j u_j in it, from an onset k0 that nobody knows [PositionThesi
 
     score = ln [sum_j,k0 w_j e^{L_j(k0)} / (1 + sum_k0 w_e e^{L_e(k0)} + sum_k0,D w_p e^{L_p(k0,D)})]
 
-with w = rate x spacing, L_j for a line whose pull H_j u_j is known and whose share alpha is near 1, L_e for a step of
-the environment in any direction, L_p for a wave group of duration D; `mooringdx.hypotheses.onset.kernel` has them. All
-are divided by a temper, because innovations are not as white as the filter assumes. Departures from the thesis: one
-filter with a bias instead of a bank without, so that steady forces and currents are no fault; a wave group as a rival,
-without which slow drift alarms hundreds of times a month.
+with w = rate x spacing, L_j for a line whose pull H_j u_j is known and is lost nearly whole and nearly along itself,
+L_e for a step of the environment in any direction, L_p for a wave group of duration D: in
+`mooringdx.hypotheses.onset.kernel`. All are divided by a temper, because innovations are not as white as the filter
+assumes. Departures from the thesis: one filter with a bias instead of a bank without, so that steady forces and
+currents are no fault; a wave group as a rival, without which slow drift alarms hundreds of times a month.
 
 What it cannot see: a squall or a current step along a line, as large as its pull, from the loss of that line; a line
 lost before the record or in its first ten minutes; a line that keeps a good part of its pull; two lines lost at once.
@@ -233,7 +233,8 @@ class OnsetGlr:
             models = filtering.models(eta[first:, 2])
             estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
             trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning)
-            out.append(Piece(first, skip, gone, trace, _mean(estimate.nis)))
+            until = None if trace.alarm < 0 else max(trace.alarm - self.beat.confirm, 1)
+            out.append(Piece(first, skip, gone, trace, _mean(estimate.nis[:until])))
             if trace.alarm < 0 or first + trace.named >= len(eta) - 2:
                 return out
             gone, onset = out[-1].best()

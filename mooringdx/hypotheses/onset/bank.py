@@ -23,6 +23,8 @@ _FINE_END, _END, _PULSES, _CONFIRM, _WARM = 36, 180, (4, 8, 16), 12, 120
 """In fine spacings: 180 s, 900 s, 20, 40 and 80 s, 60 s, 10 min."""
 ALPHA_SD = 0.15
 """Sd of the share of a line's pull that a break takes; 1 is all of it."""
+BETA_SD = 0.1
+"""Sd of the force across the line, as a share of its pull: 6 deg; a choice, for models that are not exact."""
 STEP_SHARE = 0.22
 """Sd of an environmental step as a share of the lines' mean horizontal tension: 100 kN of 460 kN."""
 GROUP = 1.5
@@ -90,7 +92,8 @@ def odds_of(
         float(np.log(environment * spacing)),
         float(np.log(pulse * spacing / PULSES)),
         temper,
-        1.0 / ALPHA_SD**2,
+        ALPHA_SD,
+        BETA_SD,
         np.ascontiguousarray(step),
         np.ascontiguousarray(group),
     )

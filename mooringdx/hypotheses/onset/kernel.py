@@ -10,12 +10,12 @@ the filter's state per unit force, e the innovation of the filter that knows of 
 so that a force f from k0 on has the log likelihood ratio f'z - f'Lam f/2 against none. With z and Lam divided by the
 temper first and h_j the (north, east, moment) that line j gives:
 
-    line j, alpha ~ N(1, sa^2):  s = -h_j'z, q = h_j'Lam h_j,
-                                 L = 1/2 [(s + 1/sa^2)^2/(q + 1/sa^2) - 1/sa^2 - ln(1 + q sa^2)]
-    free force f ~ N(0, P):      L = 1/2 z'(I + P Lam)^-1 P z - 1/2 ln det(I + P Lam)              (north, east only)
+    free force f ~ N(0, P):        L_P(z) = 1/2 z'(I + P Lam)^-1 P z - 1/2 ln det(I + P Lam)      (north, east only)
+    line j, f ~ N(-h_j, V_j):      L = -h_j'z - 1/2 h_j'Lam h_j + L_V(z + Lam h_j)
 
-[Basseville1993, ch. 7], for an onset and a size that are not known. Each onset carries its own d, so that gaps and a
-turning vessel are followed as the filter follows them. What it cannot see: an onset before the oldest kept.
+V_j has sd ``along`` and ``across`` the line, because the other lines give way a little differently than the filter's
+model does [Basseville1993, ch. 7, for an onset and a size that are not known]. Each onset carries its own d, so that
+gaps and a turning vessel are followed as the filter follows them. What it cannot see: an onset before the oldest kept.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class Slots(NamedTuple):
 class Odds(NamedTuple):
     """Numbers of the hypotheses. ``fine``, ``fine_end``, ``end``: samples between onsets and until they are thinned to
     every fourth and dropped; ``pulses``: (3,), samples. ``line``, ``environment``, ``pulse``: log of rate times the
-    fine spacing; ``steadiness``: 1/sa^2; ``step``, ``group``: (2, 2), N^2, covariance of the free forces,
+    fine spacing; ``along``, ``across``: sd of the force that a lost line leaves, over its
+    pull; ``step``, ``group``: (2, 2), N^2, covariance of the free forces,
     in earth and in body axes.
     """
 
@@ -65,7 +66,8 @@ class Odds(NamedTuple):
     environment: float
     pulse: float
     temper: float
-    steadiness: float
+    along: float
+    across: float
     step: Array
     group: Array
 
@@ -105,20 +107,26 @@ def free_force(z: Array, lam: Array, temper: float, cov: Array) -> float:
 
 
 @njit(cache=True)
-def line_size(z: Array, lam: Array, pull: Array, temper: float) -> tuple[float, float]:
-    """Return s and q of a line whose ``pull``, (3,), is lost."""
-    s, q = 0.0, 0.0
-    for i in range(3):
-        s -= pull[i] * z[i]
-        for j in range(3):
-            q += pull[i] * lam[i, j] * pull[j]
-    return s / temper, q / temper
+def doubt(pull: Array, along: float, across: float) -> Array:
+    """Return the covariance, (2, 2), N^2, of the horizontal force that a lost ``pull``, (3,), leaves."""
+    a, b = along**2, across**2
+    n, e = pull[0], pull[1]
+    cross = (a - b) * n * e
+    return np.array([[a * n * n + b * e * e, cross], [cross, a * e * e + b * n * n]])
 
 
 @njit(cache=True)
-def line_lost(s: float, q: float, steadiness: float) -> float:
-    """Return the log likelihood ratio of a lost line whose share is near 1."""
-    out: float = 0.5 * ((s + steadiness) ** 2 / (q + steadiness) - steadiness - np.log(1.0 + q / steadiness))
+def line_lost(z: Array, lam: Array, pull: Array, temper: float, along: float, across: float) -> float:
+    """Return the log likelihood ratio of a line whose ``pull``, (3,), is lost."""
+    s, q, rest = 0.0, 0.0, np.empty(3)
+    for i in range(3):
+        slope = 0.0
+        for j in range(3):
+            slope += lam[i, j] * pull[j]
+        rest[i] = z[i] + slope
+        s -= pull[i] * z[i]
+        q += pull[i] * slope
+    out: float = (s - 0.5 * q) / temper + free_force(rest, lam, temper, doubt(pull, along, across))
     return out
 
 
@@ -149,8 +157,8 @@ def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
             continue
         wide = np.log(4.0) if age > odds.fine_end else 0.0
         for j in range(lines):
-            a, b = line_size(slots.z[s], slots.lam[s], slots.pulls[s, j], odds.temper)
-            out[s, j] = odds.line + wide + line_lost(a, b, odds.steadiness)
+            worth = line_lost(slots.z[s], slots.lam[s], slots.pulls[s, j], odds.temper, odds.along, odds.across)
+            out[s, j] = odds.line + wide + worth
         out[s, lines] = odds.environment + wide + free_force(slots.z[s], slots.lam[s], odds.temper, odds.step)
         step = free_force(slots.z[s], slots.lam[s], odds.temper, group)
         for i in range(PULSES):

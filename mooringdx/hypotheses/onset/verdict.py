@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mooringdx.hypotheses.onset.bank import Beat, Trace
-from mooringdx.hypotheses.onset.kernel import Odds, line_size, summed
+from mooringdx.hypotheses.onset.kernel import Odds, doubt, summed
 from mooringdx.types import Array, Check, Event, Rival
 
 CANNOT_TELL = (
@@ -83,8 +83,8 @@ def _named(
     line, _ = one.best()
     chance = trace.probability[trace.named]
     slot = int(np.argmax(trace.logs[:, line]))
-    s, q = line_size(trace.z[slot], trace.lam[slot], trace.pulls[slot, line], odds.temper)
-    alpha, sd = (s + odds.steadiness) / (q + odds.steadiness), (q + odds.steadiness) ** -0.5
+    alpha, sd = _share(trace, slot, trace.pulls[slot, line], odds)
+    straight = abs(alpha - 1.0) <= 3.0 * odds.along
     onset, low, high = _onset(trace, line, times)
     at = clock[0] + clock[1] * one.first
     return Event(
@@ -94,14 +94,26 @@ def _named(
         onset_interval=(at + clock[1] * low, at + clock[1] * high),
         detected=at + clock[1] * trace.alarm,
         named=at + clock[1] * trace.named,
-        size=alpha,
-        size_unit="share of the line's pull",
-        size_interval=(alpha - 1.96 * sd, alpha + 1.96 * sd),
+        size=alpha if straight else None,
+        size_unit="share of the line's pull" if straight else "",
+        size_interval=(alpha - 1.96 * sd, alpha + 1.96 * sd) if straight else None,
         probability=float(chance[1 + line]),
         rivals=_rivals(chance, line, lines),
         cannot_tell=CANNOT_TELL,
         evidence=_evidence(one, slot, odds, clock, warning, alarm),
     )
+
+
+def _share(trace: Trace, slot: int, pull: Array, odds: Odds) -> tuple[float, float]:
+    """Return which share of its pull a line lost, and its sd, given all that its onset has gathered.
+
+    Far from 1 it says that the vessel went further than a straight-line response holds, and nothing of the share.
+    """
+    lam, size = trace.lam[slot] / odds.temper, float(np.hypot(pull[0], pull[1]))
+    spread = np.linalg.inv(lam[:2, :2] + np.linalg.inv(doubt(pull, odds.along, odds.across)))
+    rest = trace.z[slot] / odds.temper + lam @ pull
+    along = pull[:2] / size
+    return 1.0 - float(along @ spread @ rest[:2]) / size, float(np.sqrt(along @ spread @ along)) / size
 
 
 def _onset(trace: Trace, line: int, times: Beat) -> tuple[float, float, float]:
@@ -224,7 +236,7 @@ def checks(
         ),
         Check(
             "forces as learned", "position", bool(loud <= LOUD),
-            f"mean normalised innovation squared over 3: {loud:.2f} of the whole log", loud, LOUD, "1",
+            f"mean normalised innovation squared over 3: {loud:.2f} before any alarm", loud, LOUD, "1",
             "" if loud <= LOUD else "the sea is rougher than in the no-fault window: fit on a window of this sea",
         ),
         Check(
