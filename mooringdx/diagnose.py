@@ -54,7 +54,14 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     look = slice(max(0, at - window + 1), at + 1)
     rows = np.flatnonzero(scene.residuals.valid[look].mean(axis=0) >= 0.5)
     chosen, moved = _name(scene, alarm, look, rows)
-    first, low, high = (max(0, k - scene.late) for k in _onset(scene, alarm, at, rows, chosen))
+    early, end = at, _end(scene, alarm)
+    if moved > -decide.RIVAL_GAP and end - at > 2 * window:  # what a moved vessel explains may have grown since
+        last = slice(end - window, end)
+        visible = np.flatnonzero(scene.residuals.valid[last].mean(axis=0) >= 0.5)
+        again, still = _name(scene, alarm, last, visible)
+        if again is not None and still <= -decide.RIVAL_GAP:
+            chosen, moved, rows, at = again, still, visible, end - 1
+    first, low, high = (max(0, k - scene.late) for k in _onset(scene, alarm, early, rows, chosen))
     time = grid.start + grid.sample_time * np.array([alarm.start, at, first, low, high])
     common: dict[str, Any] = {
         "onset": float(time[2]),
@@ -70,7 +77,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         return Event(kind="unknown", subject="log", cannot_tell=why, marks=marks, **common)
     signatures = scene.residuals.signatures
     fault = signatures.faults[chosen.winner]
-    size = _size(scene, alarm, first, chosen.winner, rows)
+    size = _size(scene, alarm, _size_window(scene, alarm, first, at), chosen.winner, rows)
     kind, mode = _kind(scene, fault, chosen.winner, size, first, alarm)
     if mode == "drift":  # a step's likelihood dates a slow onset late
         low = max(0, low - 2 * window)
@@ -93,7 +100,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     if moved > -decide.RIVAL_GAP:
         return _environment(event, moved)
     event = _testified(scene, alarm, event, chosen, (first, low, high), rows)
-    return _sized(scene, event, _size_window(scene, alarm, first))
+    return _sized(scene, event, _size_window(scene, alarm, first, at))
 
 
 def _testified(
@@ -302,10 +309,10 @@ def _onset_within(
 
 
 def _size(
-    scene: Scene, alarm: decide.Alarm, first: int, winner: int, rows: Index
+    scene: Scene, alarm: decide.Alarm, look: slice, winner: int, rows: Index
 ) -> tuple[float, tuple[float, float]] | None:
     """Return size and interval from raw residuals, the last two of the three windows after the alarm."""
-    measured, look = scene.residuals, _size_window(scene, alarm, first)
+    measured = scene.residuals
     begin, last = look.start, look.stop
     still = scene.reference(alarm, rows)
     values = measured.values[begin:last][:, rows] - still
@@ -314,9 +321,10 @@ def _size(
     return decide.size(values, measured.valid[begin:last][:, rows], signatures, winner, covariance)
 
 
-def _size_window(scene: Scene, alarm: decide.Alarm, first: int) -> slice:
+def _size_window(scene: Scene, alarm: decide.Alarm, first: int, named: int) -> slice:
+    """Return two windows: up to three windows after the alarm, or up to where the cause was named if that was later."""
     timing = scene.fitted.timing
-    last = min(alarm.start + 3 * timing.window, _end(scene, alarm))
+    last = min(max(alarm.start + 3 * timing.window, named + 1), _end(scene, alarm))
     return slice(max(first, last - 2 * timing.window), last)
 
 

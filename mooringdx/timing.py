@@ -17,7 +17,7 @@ from mooringdx.errors import FitError
 from mooringdx.types import Array
 
 MAIN, SHORT, SLOW = 10.0, 1.3, 400.0
-LEAST_SLOW, LEAST_DRIFTING = 3, 2
+LEAST_SLOW, LEAST_DRIFTING = 3.0, 1.5
 """Slow windows that the no-fault record must hold; fewer where the run file says how far a healthy sensor drifts."""
 
 

@@ -57,9 +57,8 @@ class Stack:
 
     def floor(self) -> Array:
         """Return the sd to which each residual is believed however quiet the no-fault record was, (r,), its units."""
-        return np.concatenate(
-            [p.floor() if isinstance(p, Tension) else np.zeros(len(p.signatures().residuals)) for p in self.parts]
-        )
+        known = [p.floor() if isinstance(p, Tension) else np.zeros(len(p.signatures().residuals)) for p in self.parts]
+        return np.concatenate(known)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping from which `from_dict` rebuilds the stack."""
