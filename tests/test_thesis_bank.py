@@ -22,6 +22,7 @@ from mooringdx.reproduce.position_cases import (
     Score,
     fit_bank,
     held_from,
+    moved,
     said,
     scenario,
     score,
@@ -164,6 +165,10 @@ def test_a_trial_starts_where_the_thesis_starts_and_goes_away_from_the_lost_line
     np.testing.assert_allclose(record.true[0], [2.0, 2.0, np.radians(-135.0)])
     np.testing.assert_allclose(record.true[2900, :2], 0.0, atol=1.5)
     assert (record.true[-1, :2] > 5.0).all(), "line 7 lies south-west"
+    far, left = moved(record, 300.0)
+    assert far == pytest.approx(float(np.hypot(*(record.true[-1] - record.true[3000])[:2])), rel=0.05)
+    assert 0.9 < left <= 1.0
+    assert moved(record, 500.0) == (0.0, 0.0)
 
 
 def test_delay_and_shares_by_hand() -> None:
@@ -207,12 +212,13 @@ def test_the_page_shows_every_number_of_its_table(short: ThesisBank) -> None:
     for b, bench in enumerate(BENCHES):
         for c, case in enumerate(CASES):
             found = {m: tuple(Score(10.0 * b + c + k, 0.9, 0.8, 7.0, 3.0) for k in range(3)) for m in ("dht", "mle")}
-            rows.append(Row(case, bench, found, 5.0))
+            rows.append(Row(case, bench, found, 5.0, 0.7))
     made = pages(base(), rows, short, claims(rows), 1)
     text, body = made["index.html"].decode(), json.loads(made["claims.json"])
     assert text.count("45 s (3 of 3); right 90 % before, 80 % late") == 2
     assert [r["dht"]["delay"] for r in body["table"] if r["case"] == "line 7"] == [5.0, 15.0, 25.0, 35.0, 45.0]
     verdict = {c["paper"][:24]: c["verdict"] for c in body["claims"]}
+    assert len(verdict) == 9
     assert verdict["Detection usually occurs"] == "holds"
     assert verdict["Both methods quickly con"] == "does not hold"
     assert sum(name.endswith(".png") for name in made) == 6

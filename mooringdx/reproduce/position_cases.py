@@ -236,7 +236,8 @@ def median_delay(scores: Sequence[Score]) -> float:
     return float(np.median([np.inf if s.delay is None else s.delay for s in scores]))
 
 
-def moved(record: Trial, onset: float) -> float:
-    """Return how far the slow motion went from its place at the loss, m."""
+def moved(record: Trial, onset: float) -> tuple[float, float]:
+    """Return how far the slow motion went from its place at the loss, m, and the share of it left at the end."""
     after = record.true[record.time >= onset, :2]
-    return float(np.max(np.hypot(*(after - after[0]).T))) if len(after) else 0.0
+    far = np.hypot(*(after - after[:1]).T)
+    return (float(far.max()), float(far[-1] / far.max())) if len(after) else (0.0, 0.0)
