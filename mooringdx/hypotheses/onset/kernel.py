@@ -93,40 +93,40 @@ class Tuned(NamedTuple):
 
 
 @njit(cache=True)
-def free_force(z: Array, lam: Array, temper: float, cov: Array) -> float:
-    """Return the log likelihood ratio of a free horizontal force; ``z``: (3,), ``lam``: (3, 3), ``cov``: (2, 2)."""
+def free_force(z0: float, z1: float, lam: Array, temper: float, c00: float, c01: float, c11: float) -> float:
+    """Return the log likelihood ratio of a free horizontal force of covariance (c00, c01; c01, c11), N^2.
+
+    ``z0``, ``z1``: north and east of z; ``lam``: (3, 3).
+    """
     b00, b01, b11 = lam[0, 0] / temper, lam[0, 1] / temper, lam[1, 1] / temper
-    y0, y1 = z[0] / temper, z[1] / temper
-    m00, m01 = 1.0 + cov[0, 0] * b00 + cov[0, 1] * b01, cov[0, 0] * b01 + cov[0, 1] * b11
-    m10, m11 = cov[1, 0] * b00 + cov[1, 1] * b01, 1.0 + cov[1, 0] * b01 + cov[1, 1] * b11
+    y0, y1 = z0 / temper, z1 / temper
+    m00, m01 = 1.0 + c00 * b00 + c01 * b01, c00 * b01 + c01 * b11
+    m10, m11 = c01 * b00 + c11 * b01, 1.0 + c01 * b01 + c11 * b11
     det = m00 * m11 - m01 * m10
-    p0, p1 = cov[0, 0] * y0 + cov[0, 1] * y1, cov[1, 0] * y0 + cov[1, 1] * y1
+    p0, p1 = c00 * y0 + c01 * y1, c01 * y0 + c11 * y1
     fit = y0 * (m11 * p0 - m01 * p1) + y1 * (m00 * p1 - m10 * p0)
     out: float = 0.5 * fit / det - 0.5 * np.log(det)
     return out
 
 
 @njit(cache=True)
-def doubt(pull: Array, along: float, across: float) -> Array:
-    """Return the covariance, (2, 2), N^2, of the horizontal force that a lost ``pull``, (3,), leaves."""
+def doubt(pull: Array, along: float, across: float) -> tuple[float, float, float]:
+    """Return the covariance (c00, c01, c11), N^2, of the horizontal force that a lost ``pull``, (3,), leaves."""
     a, b = along**2, across**2
     n, e = pull[0], pull[1]
-    cross = (a - b) * n * e
-    return np.array([[a * n * n + b * e * e, cross], [cross, a * e * e + b * n * n]])
+    return a * n * n + b * e * e, (a - b) * n * e, a * e * e + b * n * n
 
 
 @njit(cache=True)
 def line_lost(z: Array, lam: Array, pull: Array, temper: float, along: float, across: float) -> float:
     """Return the log likelihood ratio of a line whose ``pull``, (3,), is lost."""
-    s, q, rest = 0.0, 0.0, np.empty(3)
-    for i in range(3):
-        slope = 0.0
-        for j in range(3):
-            slope += lam[i, j] * pull[j]
-        rest[i] = z[i] + slope
-        s -= pull[i] * z[i]
-        q += pull[i] * slope
-    out: float = (s - 0.5 * q) / temper + free_force(rest, lam, temper, doubt(pull, along, across))
+    l0 = lam[0, 0] * pull[0] + lam[0, 1] * pull[1] + lam[0, 2] * pull[2]
+    l1 = lam[1, 0] * pull[0] + lam[1, 1] * pull[1] + lam[1, 2] * pull[2]
+    l2 = lam[2, 0] * pull[0] + lam[2, 1] * pull[1] + lam[2, 2] * pull[2]
+    s = -(pull[0] * z[0] + pull[1] * z[1] + pull[2] * z[2])
+    q = pull[0] * l0 + pull[1] * l1 + pull[2] * l2
+    c00, c01, c11 = doubt(pull, along, across)
+    out: float = (s - 0.5 * q) / temper + free_force(z[0] + l0, z[1] + l1, lam, temper, c00, c01, c11)
     return out
 
 
@@ -150,7 +150,7 @@ def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
     """
     lines = slots.pulls.shape[1]
     out[:] = NOTHING
-    z, lam = np.zeros(3), np.zeros((3, 3))
+    lam = np.zeros((3, 3))
     for s in range(slots.when.size):
         age = k - slots.when[s]
         if slots.when[s] < 0 or age < 1:
@@ -159,17 +159,20 @@ def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
         for j in range(lines):
             worth = line_lost(slots.z[s], slots.lam[s], slots.pulls[s, j], odds.temper, odds.along, odds.across)
             out[s, j] = odds.line + wide + worth
-        out[s, lines] = odds.environment + wide + free_force(slots.z[s], slots.lam[s], odds.temper, odds.step)
-        step = free_force(slots.z[s], slots.lam[s], odds.temper, group)
+        z0, z1, c = slots.z[s, 0], slots.z[s, 1], odds.step
+        worth = free_force(z0, z1, slots.lam[s], odds.temper, c[0, 0], c[0, 1], c[1, 1])
+        out[s, lines] = odds.environment + wide + worth
+        step = free_force(z0, z1, slots.lam[s], odds.temper, group[0, 0], group[0, 1], group[1, 1])
         for i in range(PULSES):
-            later = slots.after[s, i]
+            later, worth = slots.after[s, i], step
             if later >= 0:
                 for a in range(2):
-                    z[a] = slots.z[s, a] - slots.z[later, a]
                     for b in range(2):
                         lam[a, b] = slots.lam[s, a, b] + slots.lam[later, a, b]
                         lam[a, b] -= slots.cross[s, i, a, b] + slots.cross[s, i, b, a]
-            out[s, lines + 1 + i] = odds.pulse + wide + (free_force(z, lam, odds.temper, group) if later >= 0 else step)
+                d0, d1 = z0 - slots.z[later, 0], z1 - slots.z[later, 1]
+                worth = free_force(d0, d1, lam, odds.temper, group[0, 0], group[0, 1], group[1, 1])
+            out[s, lines + 1 + i] = odds.pulse + wide + worth
 
 
 @njit(cache=True)

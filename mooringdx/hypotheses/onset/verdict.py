@@ -110,7 +110,8 @@ def _share(trace: Trace, slot: int, pull: Array, odds: Odds) -> tuple[float, flo
     Far from 1 it says that the vessel went further than a straight-line response holds, and nothing of the share.
     """
     lam, size = trace.lam[slot] / odds.temper, float(np.hypot(pull[0], pull[1]))
-    spread = np.linalg.inv(lam[:2, :2] + np.linalg.inv(doubt(pull, odds.along, odds.across)))
+    c00, c01, c11 = doubt(pull, odds.along, odds.across)
+    spread = np.linalg.inv(lam[:2, :2] + np.linalg.inv(np.array([[c00, c01], [c01, c11]])))
     rest = trace.z[slot] / odds.temper + lam @ pull
     along = pull[:2] / size
     return 1.0 - float(along @ spread @ rest[:2]) / size, float(np.sqrt(along @ spread @ along)) / size
