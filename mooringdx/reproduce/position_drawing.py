@@ -181,8 +181,8 @@ SHEETS: Mapping[str, Sheet] = {
         "Fig. 5.17: positions, line 7 lost",
         4,
         positions,
-        "North, east and heading. The thrusters, limited here to 0.25 MN an axis, are weaker than the lost line's 0.46 MN "
-        "and hold the vessel where it is; in the thesis they bring it back.",
+        "North, east and heading. The thrusters, limited here to 0.25 MN an axis, are weaker than the lost line's 0.46 "
+        "MN and hold the vessel where it is; in the thesis they bring it back.",
     ),
     "fig5_11_residuals": Sheet(
         "Fig. 5.11: residuals, line 6 lost",
