@@ -8,7 +8,7 @@ smallest faults at the asked rate is taken, unless the run file says otherwise.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,8 @@ class Baseline:
     """What `fit` hands to `detect`.
 
     ``choice``: one mapping a whitening candidate; ``windows``: one mapping a log; ``fitted`` is None where only a
-    position-only bank was asked for: its priors are settings. ``verdict`` and ``reason`` are on the asked rate.
+    position-only bank was asked for. ``banks``: what banks learned, by their words. ``verdict`` and ``reason`` are on
+    the asked rate.
     """
 
     run: Mapping[str, Any]
@@ -82,6 +83,7 @@ class Baseline:
     verdict: str
     reason: str
     version: str = __version__
+    banks: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -89,12 +91,16 @@ class Baseline:
         return self.fitted.thresholds if self.fitted is not None else ()
 
     @classmethod
-    def of_bank(cls, run: RunConfig, channels: Sequence[Channels]) -> Baseline:
-        """Return the baseline of a run with a position-only bank: its priors are settings, nothing is fitted."""
-        where = tuple(_where(c, ()) for c in channels)
-        reason = "a position-only bank decides by probabilities; its false alarms are those measured in docs/adrift.md"
+    def of_bank(
+        cls, run: RunConfig, channels: Sequence[Channels], pieces: Sequence[Sequence[slice]], banks: Mapping[str, Any]
+    ) -> Baseline:
+        """Return the baseline of a run with position-only banks: no rate is asked, their priors are settings."""
+        where = tuple(_where(c, p) for c, p in zip(channels, pieces, strict=True))
+        reason = (
+            "a position-only bank decides by probabilities; docs/figures.md has the false alarms it was measured at"
+        )
         body = run.model_dump(mode="json")
-        return cls(body, None, (), (), where, "not_applicable", reason)
+        return cls(body, None, (), (), where, "not_applicable", reason, banks=banks)
 
     def config(self) -> RunConfig:
         """Return the run file that this was fitted with."""
@@ -434,6 +440,7 @@ def load(folder: Path) -> Baseline:
         windows=tuple(body["windows"]),
         verdict=body["verdict"],
         reason=body["reason"],
+        banks=body["banks"],
     )
 
 

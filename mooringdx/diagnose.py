@@ -50,7 +50,7 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     timing, grid = scene.fitted.timing, scene.channels.grid
     slow = alarm.branches == ("slow",)
     window = timing.slow if slow else timing.window
-    at = alarm.peak_at if slow else min(alarm.start + window, grid.n - 1)
+    at = alarm.peak_at if slow else _naming(scene, alarm, window)
     look = slice(max(0, at - window + 1), at + 1)
     rows = np.flatnonzero(scene.residuals.valid[look].mean(axis=0) >= 0.5)
     chosen, moved = _name(scene, alarm, look, rows)
@@ -101,6 +101,17 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
         return _environment(event, moved)
     event = _testified(scene, alarm, event, chosen, (first, low, high), rows)
     return _sized(scene, event, _size_window(scene, alarm, first, at))
+
+
+def _naming(scene: Scene, alarm: decide.Alarm, window: int) -> int:
+    """Return the last sample of the first window after the alarm of which half is valid, while the alarm stands."""
+    good = np.concatenate([[0], np.cumsum(scene.residuals.valid.any(axis=1))])
+    end = max(alarm.start, _end(scene, alarm) - 1)
+    first = min(alarm.start + window, scene.channels.grid.n - 1)
+    for at in range(first, end + 1):
+        if good[at + 1] - good[max(0, at - window + 1)] >= 0.5 * window:
+            return at
+    return first
 
 
 def _testified(
@@ -356,9 +367,9 @@ def _kind(
     sd = np.sqrt(np.diagonal(scene.fitted.raw.covariance))
     own = int(np.argmax(np.abs(scene.residuals.signatures.matrix[winner]) / np.where(sd > 0, sd, np.inf)))
     gain = scene.residuals.signatures.matrix[winner, own]
-    first = max(first, scene.late)
-    residual = (scene.residuals.values[first:last, own] - scene.fitted.raw.mean[own]) / gain
-    seen = column[first - scene.late : last - scene.late]
+    first = min(first, last - scene.late - 1)
+    residual = (scene.residuals.values[first + scene.late : last, own] - scene.fitted.raw.mean[own]) / gain
+    seen = column[first : last - scene.late]
     good = np.isfinite(seen) & np.isfinite(residual)
     return fault.kind, decide.sensor_mode(reference, seen[good], residual[good])
 
@@ -383,7 +394,8 @@ def _marks(scene: Scene, alarm: decide.Alarm) -> tuple[str, ...]:
         marks.append("extrapolated_threshold")
     timing = scene.fitted.timing
     block = max(8, round(40 * timing.peak_period / timing.sample_time))
-    before = scene.channels.values[max(0, alarm.start - block) : alarm.start]
+    last = max(0, alarm.start - timing.window)  # the fault's own step is no sea
+    before = scene.channels.values[max(0, last - block) : last]
     still = SEA * np.asarray(scene.fitted.agitation)
     if np.any((agitation(before) > still) & shows_sea(scene.channels.names)):
         marks.append("outside_fitted_envelope")

@@ -19,7 +19,7 @@ from mooringdx.registry import resolve
 from mooringdx.residuals.training import Training
 from mooringdx.scene import Scene
 from mooringdx.timing import design
-from mooringdx.types import Channels, Detection, Event, RawLog
+from mooringdx.types import Channels, Detection, Event, RawLog, replace
 
 Progress = Callable[[int, int], None] | None
 
@@ -36,17 +36,20 @@ def fit(
 
     Raises ConfigError for what the run file asks wrongly, FitError for a window that cannot carry the asked rate.
     """
+    if not run.residuals.use and not run.bank.use:
+        raise ConfigError("nothing to do: [residuals] use and [bank] use are both empty")
+    kinds = {word: resolve(word, HYPOTHESES, "bank") for word in run.bank.use}
+    learning = {word: kind for word, kind in kinds.items() if hasattr(kind, "fit")}
+    training = [Training(c, no_fault(c, run) if run.residuals.use or learning else ()) for c in channels]
+    banks = {word: kind.fit(training, run).to_dict() for word, kind in learning.items()}
     if not run.residuals.use:
-        if not run.bank.use:
-            raise ConfigError("nothing to do: [residuals] use and [bank] use are both empty")
-        return Baseline.of_bank(run, channels)
-    training = [Training(c, no_fault(c, run)) for c in channels]
+        return Baseline.of_bank(run, channels, [t.pieces for t in training], banks)
     stack = residuals.fit(training, run)
     measured = [stack(c) for c in channels]
     pieces = [(i, piece) for i, t in enumerate(training) for piece in t.pieces]
     rows = [t.channels.values[piece] for t in training for piece in t.pieces]
     timing = design(run.detector, run.clock.sample_time, rows)
-    baseline = learn(training, stack, measured, pieces, timing, run, progress)
+    baseline = replace(learn(training, stack, measured, pieces, timing, run, progress), banks=banks)
     if baseline.verdict == "invalid" and not extrapolate:
         raise FitError(f"{baseline.reason}; or accept an unsupported rate with --extrapolate")
     return baseline
@@ -88,8 +91,12 @@ def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = 
         checks += run_checks(channels, baseline.fitted.agitation, judged(walk.statistics, (), channels))
         checks.append(watched_check(watched_until(walk.statistics, channels), channels))
     posteriors = []
+    seen: dict[str, object] = {}
     for word in run.bank.use:
-        posterior, found, rows = resolve(word, HYPOTHESES, "bank")(getattr(run.bank, word))(channels)
+        kind = resolve(word, HYPOTHESES, "bank")
+        bank = kind.from_dict(baseline.banks[word]) if word in baseline.banks else kind(getattr(run.bank, word))
+        posterior, found, rows = bank(channels)
+        seen.update(bank.observability() if hasattr(bank, "observability") else {})
         posteriors.append(posterior)
         events += found
         checks += rows
@@ -125,4 +132,5 @@ def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = 
             "baseline_logs": [dict(w) for w in baseline.windows],
         },
         forces=forces,
+        observability=seen,
     )

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from mooringdx.hypotheses.adrift import Adrift
+from collections.abc import Mapping
+from typing import Any
 
-HYPOTHESES = {
+from mooringdx.hypotheses.adrift import Adrift
+from mooringdx.hypotheses.onset_glr import OnsetGlr
+
+HYPOTHESES: Mapping[str, Any] = {
     "adrift": Adrift,
+    "onset_glr": OnsetGlr,
 }

@@ -32,7 +32,7 @@ def as_json(detection: Detection) -> dict[str, Any]:
         "sentences": sentences(detection),
         "alarm_rate": _alarm_rate(detection.alarm_rate),
         "thresholds": [_threshold(t) for t in detection.thresholds],
-        "observability": {},
+        "observability": dict(detection.observability),
         "events": [_event(i, e, epoch) for i, e in enumerate(detection.events, start=1)],
         "checks": [_check(c) for c in detection.checks],
         "provenance": {**detection.provenance, "source": detection.channels.source},

@@ -133,7 +133,9 @@ def size(event: Event) -> str:
 
 def _shares(event: Event) -> str:
     low, high = event.size_interval or (None, None)
-    text = f"{100.0 * (event.size or 0.0):.3g} % of its {event.size_unit.removeprefix('share of ')}"
+    whole = event.size_unit.removeprefix("share of ")
+    whole = whole if whole.startswith("the ") else f"its {whole}"
+    text = f"{100.0 * (event.size or 0.0):.3g} % of {whole}"
     return text if low is None or high is None else f"{text} (95 %: {100.0 * low:.3g} to {100.0 * high:.3g} %)"
 
 
