@@ -336,8 +336,8 @@ class Detection:
     ``statistics`` and ``thresholds`` go together by branch (main, short, slow). ``alarm_rate``: asked, central,
     interval (per second) and verdict for the system. ``run`` is the configuration, ``provenance`` what made this.
     ``choice`` is the table by which the whitening was chosen: one mapping a candidate, key = column. ``forces``: the
-    balance of forces that tells a line from its sensor, where a vessel is known; no detector watches it. ``observability``: what a position bank can see of
-    each line, {line: {r, observable, sentence}}.
+    balance of forces that tells a line from its sensor, where a vessel is known; no detector watches it.
+    ``observability``: what a position bank can see of each line, {line: {r, observable, sentence}}.
     """
 
     name: str

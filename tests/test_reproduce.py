@@ -341,7 +341,7 @@ def test_strangers_and_unknown_papers_are_refused(tmp_path: Path) -> None:
         run_paper("fang2015", tmp_path, 1)
     with pytest.raises(ConfigError, match="fang2015"):
         run_paper("fang2014", tmp_path / "new", 1)
-    assert tuple(PAPERS) == ("fang2015",)
+    assert tuple(PAPERS) == ("fang2015", "position-thesis")
 
 
 @pytest.mark.parametrize(("kind", "name"), [("runs", "fang2015"), ("scenarios", "fang_paper")])

@@ -6,11 +6,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from mooringdx.registry import resolve
-from mooringdx.reproduce import fang2015
+from mooringdx.reproduce import fang2015, position_thesis
 
 __all__ = ["PAPERS", "run_paper"]
 
-PAPERS: Mapping[str, Callable[[Path, int], str]] = {"fang2015": fang2015.reproduce}
+PAPERS: Mapping[str, Callable[[Path, int], str]] = {
+    "fang2015": fang2015.reproduce,
+    "position-thesis": position_thesis.reproduce,
+}
 
 
 def run_paper(name: str, out: Path, seed: int) -> str:
