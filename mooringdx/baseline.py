@@ -219,7 +219,7 @@ def learn(
         run=run.model_dump(mode="json"),
         fitted=fitted,
         choice=choice,
-        checks=_checks(measured, plain, pieces, taken.thresholds, timing),
+        checks=(*_checks(measured, plain, pieces, taken.thresholds, timing), *_forces_check(training, stack, run)),
         windows=tuple(_where(c, t.pieces) for c, t in zip(channels, training, strict=True)),
         verdict=main.verdict,
         reason=main.reason,
@@ -230,7 +230,7 @@ def _testimony(
     training: Sequence[Training], stack: residuals.Stack, timing: Timing, run: RunConfig
 ) -> Testimony | None:
     """Learn how much the balance of forces changes by itself; None without a vessel."""
-    if stack.witness is None:
+    if stack.witness is None or not _forces_logged(training, run):
         return None
     asked = run.residuals.force_balance.window
     window = WITNESS_WINDOWS * timing.window if asked == "auto" else max(2, round(asked / timing.sample_time))
@@ -240,6 +240,12 @@ def _testimony(
         axes = cause.horizontal(forces.units)
         stretches += [(forces.values[piece][:, axes], forces.valid[piece][:, axes]) for piece in t.pieces]
     return cause.learn(stretches, window, timing.window)
+
+
+def _forces_logged(training: Sequence[Training], run: RunConfig) -> bool:
+    """Tell whether a vessel's thrust is logged, if it has any: its controller answers a lost line by itself."""
+    asked = ("thrust_surge", "thrust_sway") if run.mooring.model.get("thrust") else ()
+    return all(name in t.channels.names for t in training for name in asked)
 
 
 def prefer(merits: Sequence[float]) -> int:
@@ -390,6 +396,16 @@ def _checks(
         rows.append(whiteness_check(name, before.ljung_box, after.ljung_box))
     rows.append(drift_check(thresholds[0].drift_ratio, DRIFT_LIMIT))
     return tuple(rows)
+
+
+def _forces_check(training: Sequence[Training], stack: residuals.Stack, run: RunConfig) -> tuple[Check, ...]:
+    """Return the row on whether line and sensor can be told apart; none without a vessel."""
+    if stack.witness is None:
+        return ()
+    passed = _forces_logged(training, run)
+    detail = "thrust is logged, so the balance of forces is complete" if passed else "the thrust is not logged"
+    remedy = "" if passed else "no line is told from its sensor; map thrust_surge and thrust_sway in [channels]"
+    return (Check("line or sensor", "thrust", passed, detail, remedy=remedy),)
 
 
 def _where(channels: Channels, pieces: Sequence[slice]) -> dict[str, Any]:

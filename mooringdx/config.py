@@ -420,7 +420,8 @@ def _sentence(model: type[BaseModel], error: ValidationError) -> str:
         return f"unknown key '{first['loc'][-1]}' in [{place}]{did_you_mean(str(first['loc'][-1]), allowed)}"
     if first["type"] == "missing":
         return f"key '{where}' is missing and has no default"
-    return f"'{where}': {first['msg'].removeprefix('Value error, ')}"
+    said = first["msg"].removeprefix("Value error, ")
+    return f"'{where}': {said}" if where else said
 
 
 def _fields_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:

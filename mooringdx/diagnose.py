@@ -118,12 +118,13 @@ def _testified(
     scene: Scene, alarm: decide.Alarm, event: Event, chosen: decide.Name, onset: tuple[int, int, int], rows: Index
 ) -> Event:
     """Return the event with line and sensor told apart by the balance of forces, where a vessel is known."""
-    testimony = scene.fitted.testimony
-    if scene.forces is None or testimony is None:
+    if scene.forces is None:
         return event
-    covariance = scene.covariance(rows, alarm.start)
+    covariance, rough = scene.covariance(rows, alarm.start), scene.beyond(alarm.start)
     end = _end(scene, alarm)
-    told = tell(Hearing(scene.residuals, scene.forces, testimony, covariance, rows, onset, end), chosen)
+    told = tell(
+        Hearing(scene.residuals, scene.forces, scene.fitted.testimony, covariance, rows, onset, end, rough), chosen
+    )
     if told is None:
         return event
     grid = scene.channels.grid
@@ -205,19 +206,21 @@ def _against(
     """Weigh the change from window ``still`` to ``look``, the standing faults taken out: (name, largest g, rows)."""
     measured = scene.residuals
     good = [measured.valid[part].mean(axis=0) >= 0.5 for part in (still, look)]
-    rows = np.flatnonzero(good[0] & good[1])
+    taken = {f"tension_{e.subject.split('_', 1)[-1]} - intact" for e in standing}  # a lost line's statics say nothing
+    rows = np.flatnonzero(good[0] & good[1] & np.array([name not in taken for name in measured.names]))
     if not len(rows):
         return None, 0.0, rows
     means = [np.nanmean(measured.values[part][:, rows], axis=0) for part in (look, still)]
     change, count = means[0] - means[1], look.stop - look.start
     known = decide.part(measured.signatures, rows)
-    spread = 2.0 * scene.covariance(rows) / count
+    spread = 2.0 * scene.covariance(rows) / count + np.diag(scene.doubt(look)[rows] ** 2)
     for event in standing:
         for i, fault in enumerate(known.faults):
-            if fault.subject == event.subject and event.size is not None:
+            size = event.evidence.get("tension_change", event.size)
+            if fault.subject == event.subject and size is not None:
                 direction = known.matrix[i]
-                spread = spread + np.diag((event.size * known.error[i]) ** 2)
-                spread = spread + (10.0 * event.size) ** 2 * np.outer(direction, direction)
+                spread = spread + np.diag((size * known.error[i]) ** 2)
+                spread = spread + (10.0 * size) ** 2 * np.outer(direction, direction)
     inverse = np.linalg.inv(spread)
     energy = np.einsum("fr,rs,fs->f", known.matrix, inverse, known.matrix)
     score = known.matrix @ inverse @ change
@@ -239,7 +242,7 @@ def _later_event(scene: Scene, chosen: decide.Name, peak: float, still: slice, s
     size = decide.size(values, scene.residuals.valid[last][:, rows], known, chosen.winner, covariance)
     time = grid.start + grid.sample_time * np.array([stop - 3 * window, stop - 2 * window, stop - window, stop - 1])
     level = scene.fitted.thresholds[0].scaled_level
-    return Event(
+    event = Event(
         kind="unknown" if fault.kind == "environment" and chosen.misfit > POOR_FIT else fault.kind,
         subject=fault.subject,
         mode=fault.mode,
@@ -261,6 +264,12 @@ def _later_event(scene: Scene, chosen: decide.Name, peak: float, still: slice, s
         },
         marks=("while_another_stands",),
     )
+    if scene.forces is None:
+        return event
+    onset = (stop - 2 * window, stop - 3 * window, stop - window)
+    told = tell(Hearing(scene.residuals, scene.forces, scene.fitted.testimony, covariance, rows, onset, grid.n), chosen)
+    at = grid.start + grid.sample_time * (stop if told is None else told.at)
+    return event if told is None else applied(event, told, signatures, at)
 
 
 def _name(scene: Scene, alarm: decide.Alarm, look: slice, rows: Index) -> tuple[decide.Name | None, float]:

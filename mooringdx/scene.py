@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mooringdx.baseline import Fitted
 from mooringdx.chain import Walk
-from mooringdx.checks import roughness
+from mooringdx.checks import SEA, agitation, roughness, shows_sea
 from mooringdx.config import RunConfig
 from mooringdx.decide import Alarm
 from mooringdx.residuals.tension import AXES, Tension
@@ -58,6 +58,14 @@ class Scene:
         """Return the sea before sample ``start`` over the roughest of the no-fault record, at least 1."""
         before = self.channels.values[max(0, start - self.block) : start]
         return roughness(before, self.channels.names, np.asarray(self.fitted.agitation))
+
+    def beyond(self, start: int) -> float:
+        """Return how far the sea before ``start`` is beyond the fitted one, over its worst channel; 1 within SEA."""
+        last = max(0, start - self.fitted.timing.window)
+        now, then = agitation(self.channels.values[max(0, last - self.block) : last]), np.asarray(self.fitted.agitation)
+        use = shows_sea(self.channels.names) & (then > 0)
+        worst = float(np.max(now[use] / then[use])) if use.any() else 1.0
+        return worst if worst > SEA else 1.0
 
     @property
     def block(self) -> int:

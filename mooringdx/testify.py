@@ -25,15 +25,19 @@ _NOTABLE = 0.05
 
 @dataclass(frozen=True)
 class Hearing:
-    """What is known of one alarm: ``onset`` (best, first, last) and ``stop``, samples; ``rows`` of the residuals."""
+    """What is known of one alarm: ``onset`` (best, first, last) and ``stop``, samples; ``rows`` of the residuals.
+
+    ``rough``: how much the sea is beyond the fitted one, 1 within it; the forces scatter with it.
+    """
 
     residuals: Residuals
     forces: Residuals
-    testimony: Testimony
+    testimony: Testimony | None
     covariance: Array
     rows: Index
     onset: tuple[int, int, int]
     stop: int
+    rough: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -51,15 +55,17 @@ def tell(hearing: Hearing, chosen: decide.Name) -> Told | None:
     pair = _pair(hearing.residuals.signatures, chosen, hearing.rows)
     if pair is None:
         return None
-    window, settle = hearing.testimony.window, hearing.testimony.settle
-    first = hearing.onset[2] + settle
+    known = hearing.testimony
+    if known is None:
+        return Told(None, *pair, hearing.onset[2])
+    window, first = known.window, hearing.onset[2] + known.settle
     near = slice(first, min(first + window, hearing.stop))
-    told = _ask(hearing, pair, near, hearing.testimony.near)
+    told = _ask(hearing, window, pair, near, known.near)
     if told is not None and told.index >= cause.LEAST_INDEX and told.gate <= 1.0:
         return Told(told, *pair, near.stop)
     far = slice(hearing.stop - window, hearing.stop)
     if far.start > near.stop:
-        later = _ask(hearing, pair, far, hearing.testimony.far)
+        later = _ask(hearing, window, pair, far, known.far)
         if later is not None and later.verdict != "untold":
             return Told(later, *pair, far.stop)
     return Told(told, *pair, near.stop)
@@ -74,9 +80,8 @@ def _pair(signatures: Signatures, chosen: decide.Name, rows: Index) -> tuple[int
     return (lines[0], sensors[0]) if lines and sensors else None
 
 
-def _ask(hearing: Hearing, pair: tuple[int, int], after: slice, covariance: Array) -> Cause | None:
+def _ask(hearing: Hearing, window: int, pair: tuple[int, int], after: slice, covariance: Array) -> Cause | None:
     """Judge one window after the change against the one before it; None where the forces were not seen."""
-    window = hearing.testimony.window
     before = slice(max(0, hearing.onset[1] - window), hearing.onset[1])
     found = []
     axes = cause.horizontal(hearing.forces.units)
@@ -92,7 +97,9 @@ def _ask(hearing: Hearing, pair: tuple[int, int], after: slice, covariance: Arra
     if min(lines) < 0:
         return None
     line, sensor = (value * forces.matrix[r][axes] for r in lines)
-    return cause.judge(found[1], covariance, line, sensor, np.abs(value) * forces.error[lines[0]][axes])
+    return cause.judge(
+        found[1], covariance * hearing.rough**2, line, sensor, np.abs(value) * forces.error[lines[0]][axes]
+    )
 
 
 def applied(event: Event, told: Told, signatures: Signatures, time: float) -> Event:
@@ -114,18 +121,18 @@ def applied(event: Event, told: Told, signatures: Signatures, time: float) -> Ev
             cannot_tell=f"{names}: {why}", evidence=evidence,
         )  # fmt: skip
     winner, loser = (line, sensor) if found.verdict == "line" else (sensor, line)
-    rest = 1.0 - found.probability
+    rest = max(1.0 - found.probability, float(1.0 / (1.0 + np.exp(min(abs(found.score), 700.0)))))
     why = f"the balance of forces speaks against it, discrimination index {found.index:.1f}"
     rival = (Rival(loser.kind, loser.subject, rest, why),) if rest >= _NOTABLE else ()
     return replace(
         event, kind=winner.kind, subject=winner.subject, mode=winner.mode, probability=found.probability,
-        rivals=(*rival, *others), cannot_tell=None, evidence=evidence,
+        rivals=(*rival, *others), cannot_tell=None, evidence=evidence, named=time,
     )  # fmt: skip
 
 
 def _why_untold(found: Cause | None) -> str:
     if found is None:
-        return "the balance of forces was not seen before and after the change"
+        return "the balance of forces was not seen before and after the change, or a known force is not logged"
     if found.gate > 1.0:
         return f"the environment changed at the same time (force across the line {found.gate:.1f} times its limit)"
     return (

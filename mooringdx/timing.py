@@ -17,6 +17,7 @@ from mooringdx.errors import FitError
 from mooringdx.types import Array
 
 MAIN, SHORT, SLOW = 10.0, 1.3, 400.0
+_NOISE = 3.0
 LEAST_SLOW, LEAST_DRIFTING = 3.0, 1.5
 """Slow windows that the no-fault record must hold; fewer where the run file says how far a healthy sensor drifts."""
 
@@ -90,7 +91,9 @@ def peak_period(pieces: Sequence[Array], sample_time: float) -> float:
             "no channel moves in the no-fault window, so no wave period can be found; check the mapping and the "
             "window, or give [detector] peak_period in s"
         )
-    smooth = np.convolve(total, np.ones(3) / 3.0, mode="same") * frequency**2
+    floor = float(np.median(total[(frequency > 0.2 / sample_time) & (frequency < 0.25 / sample_time)]))
+    above = np.maximum(total - _NOISE * floor, 0.0)  # weighed by frequency squared, white noise would win
+    smooth = np.convolve(above if above[usable].any() else total, np.ones(3) / 3.0, mode="same") * frequency**2
     return float(1.0 / frequency[usable][np.argmax(smooth[usable])])
 
 

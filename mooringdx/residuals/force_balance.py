@@ -276,7 +276,8 @@ _Row = tuple[Fault, Array, Array, str, float, float]
 
 
 def _tuples(body: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in body.items()}
+    known = {k: np.nan if v is None else v for k, v in body.items()}  # JSON has no NaN
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in known.items()}
 
 
 def _plain(value: Any) -> Any:
