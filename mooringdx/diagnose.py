@@ -100,6 +100,11 @@ def _event(scene: Scene, alarm: decide.Alarm) -> Event:
     if moved > -decide.RIVAL_GAP:
         return _environment(event, moved)
     event = _testified(scene, alarm, event, chosen, (first, low, high), rows)
+    told = round(((event.named or event.detected) - grid.start) / grid.sample_time)
+    if told > alarm.start + 4 * window:  # told where the change had grown: so is its size
+        at = min(told, end) - 1
+        size = _size(scene, alarm, _size_window(scene, alarm, first, at), chosen.winner, rows)
+        event = event if size is None else replace(event, size=size[0], size_interval=size[1])
     return _sized(scene, event, _size_window(scene, alarm, first, at))
 
 
