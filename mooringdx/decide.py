@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from mooringdx.types import Array, Fault, Mask, Rival, Signatures, Statistic, Threshold, replace
 
 RIVAL_GAP = math.log(20.0)
+POOR_FIT = 10.0
+"""Chi-square over its degrees of freedom above which the best cause is said to explain the residuals poorly."""
 
 
 @dataclass(frozen=True)

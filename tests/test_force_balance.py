@@ -19,6 +19,7 @@ from mooringdx.physics.mooring import Mooring
 from mooringdx.physics.vessel import load_vessel
 from mooringdx.residuals.force_balance import ForceBalance
 from mooringdx.residuals.training import SIGNATURE_ERROR, Training
+from mooringdx.results import encode, json_bytes
 from mooringdx.types import Array, Channels, Grid, LogSource, replace
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -298,3 +299,11 @@ def test_what_is_missing_is_said(
     some = only(broken, names)
     with pytest.raises(ConfigError, match=message):
         ForceBalance.fit([Training(some, (FITTED,))], run(names, mooring=mooring))
+
+
+def test_a_vessel_without_buoys_comes_back_from_a_file(fitted: ForceBalance) -> None:
+    """JSON has no NaN: what a line without a buoy has for its loss is null in the file."""
+    bare = replace(fitted, sights=tuple(replace(s, weakened=np.nan, slope=np.nan) for s in fitted.sights))
+    again = ForceBalance.from_dict(json.loads(json_bytes(encode(bare.to_dict()))))
+    assert not any(f.kind == "line_weakened" for f in again.signatures().faults)
+    assert np.array_equal(again.signatures().matrix, bare.signatures().matrix)

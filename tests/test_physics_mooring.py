@@ -258,7 +258,7 @@ def test_stiffness_lost_slackens_a_line_a_little() -> None:
     assert found[2] == pytest.approx(solve(soft, ship.mooring.depth, float(x)).tension, rel=1e-4)
     assert found[0] > found[1] > found[2]
     with pytest.raises(ConfigError, match="give buoyancy or stiffness"):
-        fault_tables(ship, "colour", [0.1])  # type: ignore[arg-type]
+        fault_tables(ship, "colour", [0.1])
 
 
 def spread(**changes: object) -> VesselModel:

@@ -299,3 +299,17 @@ def test_a_line_and_its_gauge_are_one_class_without_motion(log: RawLog, free: Ru
     assert event.probability == pytest.approx(0.5, abs=0.01)
     assert event.cannot_tell is not None
     assert "position" in event.cannot_tell
+
+
+def test_without_the_thrust_no_line_is_told_from_its_gauge(run: RunConfig, log: RawLog) -> None:
+    """A controller answers a lost line by itself, so the forces would turn the names round."""
+    kept = {n: s for n, s in log.signals.items() if not n.startswith("thrust_")}
+    plain = changed(run, whitening={"order": "none"})
+    blind = RunConfig.model_validate(
+        plain.model_dump(mode="json") | {"channels": {n: c for n, c in plain.channels.items() if n in kept}}
+    )
+    channels = prepare(replace(log, signals=kept), blind)
+    (event,) = detect(channels, fit([channels], blind), name="no thrust").events
+    assert (event.kind, event.subject) == ("unknown", "line_4")
+    assert {(r.kind, r.subject) for r in event.rivals} >= {("line_lost", "line_4"), ("sensor_fault", "tension_4")}
+    assert "not logged" in str(event.cannot_tell)

@@ -152,8 +152,8 @@ def test_distances_and_kurtosis_of_known_laws() -> None:
     assert gaussian_distance(p) == pytest.approx(0.0572, abs=5e-4)
     assert gaussian_distance(np.r_[p, np.nan]) == gaussian_distance(p)
     law = SimpleNamespace(quiet=0.4 * (-np.log1p(-p)) ** (1 / 0.7), scale=0.4, shape=0.7)
-    assert weibull_distance(law) < 1e-3  # type: ignore[arg-type]
-    assert weibull_distance(SimpleNamespace(quiet=law.quiet, scale=0.8, shape=0.7)) > 0.1  # type: ignore[arg-type]
+    assert weibull_distance(law) < 1e-3
+    assert weibull_distance(SimpleNamespace(quiet=law.quiet, scale=0.8, shape=0.7)) > 0.1
 
 
 def test_wave_share_of_two_sinusoids() -> None:

@@ -79,7 +79,8 @@ def test_the_directions_integrate_like_the_law_itself() -> None:
         return float(np.cos(0.5 * b) ** 12.0)
 
     for function in (lambda b: np.cos(b) ** 2, lambda b: np.sin(b) ** 4):
-        want = quad(lambda b: law(b) * function(b), -np.pi, np.pi)[0] / quad(law, -np.pi, np.pi)[0]  # noqa: B023
+        weighed = quad(lambda b, of=function: law(b) * of(b), -np.pi, np.pi)[0]
+        want = weighed / quad(law, -np.pi, np.pi)[0]
         assert share @ function(offset) == pytest.approx(want, rel=1e-9)
 
 

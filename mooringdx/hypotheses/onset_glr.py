@@ -61,9 +61,12 @@ class NoFault(Protocol):
     """One log's channels and its no-fault pieces."""
 
     @property
-    def channels(self) -> Channels: ...  # noqa: D102
+    def channels(self) -> Channels:
+        """The aligned channels."""
+
     @property
-    def pieces(self) -> tuple[slice, ...]: ...  # noqa: D102
+    def pieces(self) -> tuple[slice, ...]:
+        """The no-fault pieces, half-open sample slices."""
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ def held(values: Array) -> Array:
 
 
 @njit(cache=True)
-def _turned(x: Array, c: float, s: float) -> None:
+def turn_states(x: Array, c: float, s: float) -> None:
     """Turn the north and east parts of all earth-axes states by the angle of cosine ``c`` and sine ``s``, in place."""
     for i in (0, 6, 9, 12):
         north, east = x[i], x[i + 1]
@@ -159,7 +159,7 @@ def _updated(x: Array, error: Array, gain: Array, c: float, s: float) -> None:
     step = np.empty(x.size)
     for i in range(x.size):
         step[i] = gain[i, 0] * north + gain[i, 1] * east + gain[i, 2] * error[2]
-    _turned(step, c, s)
+    turn_states(step, c, s)
     x += step
 
 
@@ -168,7 +168,7 @@ def _predicted(
     x: Array, earth: Array, body: Array, F: Array, G: Array, K: Array, reference: float, c: float, s: float
 ) -> Array:
     """Return the state one step on. ``earth``: the lines' force; ``K``: their stiffness, in F, given back here."""
-    _turned(x, c, s * -1.0)
+    turn_states(x, c, s * -1.0)
     north, east, moment = c * earth[0] + s * earth[1], c * earth[1] - s * earth[0], earth[2]
     north += K[0, 0] * x[0] + K[0, 1] * x[1] + K[0, 2] * x[2]
     east += K[1, 0] * x[0] + K[1, 1] * x[1] + K[1, 2] * x[2]
@@ -181,7 +181,7 @@ def _predicted(
         for j in range(x.size):
             total += F[i, j] * x[j]
         out[i] = total
-    _turned(out, c, s)
+    turn_states(out, c, s)
     return out
 
 

@@ -29,7 +29,7 @@ def _width(ratio: Array) -> Array:
     return np.asarray(np.exp(-((ratio - 1.0) ** 2) / (2.0 * np.where(ratio <= 1.0, 0.07, 0.09) ** 2)))
 
 
-def _pierson_moskowitz(ratio: Array, peakedness: float) -> Array:  # noqa: ARG001  one signature for all spectra
+def _pierson_moskowitz(ratio: Array, _peakedness: float) -> Array:
     """Return the shape over w/wp, integral 1; it has no free peak."""
     return np.asarray(5.0 * ratio**-5.0 * np.exp(-1.25 * ratio**-4.0))
 

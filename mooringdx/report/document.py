@@ -5,11 +5,11 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 from mooringdx import __version__
 from mooringdx.config import rate_text
+from mooringdx.page import render
 from mooringdx.report import wording
 from mooringdx.report.record import sentences
 from mooringdx.results import encode
@@ -63,17 +63,7 @@ def _file_name(text: str) -> str:
 
 def page(detection: Detection, drawn: Sequence[Picture]) -> str:
     """Return the report as HTML that needs nothing from outside."""
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
-
-    templates = files("mooringdx") / "templates"
-    environment = Environment(
-        loader=FunctionLoader(lambda name: (templates / name).read_text(encoding="utf-8")),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(context(detection, drawn))
+    return render("report.html.j2", context(detection, drawn))
 
 
 def context(detection: Detection, drawn: Sequence[Picture]) -> dict[str, Any]:

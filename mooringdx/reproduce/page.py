@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from importlib.resources import files
-from typing import Any
 
 from mooringdx import __version__
+from mooringdx.page import render
 from mooringdx.plots import save
 from mooringdx.reproduce.drawing import DPI, SHEETS, captions, paint
 from mooringdx.reproduce.effects import Claim
@@ -87,8 +86,9 @@ def pages(study: Study, found: Sequence[Claim], command: str) -> dict[str, bytes
         "claims": list(found),
         "misprints": [dict(zip(("where", "printed", "meant"), row, strict=True)) for row in MISPRINTS],
     }
-    page = _html(
-        {"study": study, "found": found, "shown": shown, "misprints": MISPRINTS, "facts": facts(study, command)}
+    page = render(
+        "reproduce.html.j2",
+        {"study": study, "found": found, "shown": shown, "misprints": MISPRINTS, "facts": facts(study, command)},
     )
     return {"index.html": page.encode(), "claims.json": json_bytes(body), **out}
 
@@ -110,17 +110,3 @@ def facts(study: Study, command: str) -> list[tuple[str, str]]:
         ("Configuration digest", study.baseline.config().digest()),
         ("mooringdx", __version__),
     ]
-
-
-def _html(context: dict[str, Any]) -> str:
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
-
-    templates = files("mooringdx") / "templates"
-    environment = Environment(
-        loader=FunctionLoader(lambda name: (templates / name).read_text(encoding="utf-8")),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("reproduce.html.j2").render(context)

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from mooringdx import __version__
 from mooringdx.errors import ReportError
 from mooringdx.hypotheses.thesis_bank import ThesisBank
+from mooringdx.page import render
 from mooringdx.plots import save
 from mooringdx.reproduce.effects import FAILS, HOLDS, PARTLY, Claim
 from mooringdx.reproduce.fang2015 import setting
@@ -110,7 +109,7 @@ def pages(base: Scenario, rows: Sequence[Row], bank: ThesisBank, found: Sequence
         "misprints": MISPRINTS,
         "facts": [("Command", command(seed)), ("Vessel", base.vessel), ("mooringdx", __version__)],
     }
-    return {"index.html": _html(context).encode(), "claims.json": json_bytes(body), **out}
+    return {"index.html": render("position_thesis.html.j2", context).encode(), "claims.json": json_bytes(body), **out}
 
 
 def text(rows: Sequence[Row], found: Sequence[Claim]) -> str:
@@ -131,20 +130,6 @@ def _cells(rows: Sequence[Row], method: str) -> list[list[str]]:
         own = [row for row in rows if row.case is case]
         out.append([case.name, case.thesis[METHODS.index(method)], *(cell(row, method) for row in own)])
     return out
-
-
-def _html(context: dict[str, Any]) -> str:
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
-
-    templates = files("mooringdx") / "templates"
-    environment = Environment(
-        loader=FunctionLoader(lambda name: (templates / name).read_text(encoding="utf-8")),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("position_thesis.html.j2").render(context)
 
 
 def _refuse_strangers(out: Path) -> None:

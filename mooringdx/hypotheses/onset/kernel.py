@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mooringdx.observers.kalman import HEADING_STEP
+from mooringdx.observers.kalman import HEADING_STEP, turn_states
 from mooringdx.physics.mooring import lookup
 from mooringdx.types import Array
 
@@ -212,13 +212,6 @@ def together(logs: Array, score_row: Array) -> float:
 
 
 @njit(cache=True)
-def _turn(x: Array, c: float, s: float) -> None:
-    for i in (0, 6, 9, 12):
-        north, east = x[i], x[i + 1]
-        x[i], x[i + 1] = c * north - s * east, s * north + c * east
-
-
-@njit(cache=True)
 def turned(heading: float, tuned: Tuned, middle: Array) -> tuple[Array, Array, Array, Array]:
     """Return F, the effect of unit forces at the fairleads' ``middle``, (2,) body, K and S^-1 in earth axes."""
     at = min(max(int(np.round((heading - tuned.headings[0]) / HEADING_STEP)), 0), tuned.headings.size - 1)
@@ -227,16 +220,16 @@ def turned(heading: float, tuned: Tuned, middle: Array) -> tuple[Array, Array, A
     cp, sp = np.cos(heading), np.sin(heading)
     F, G, K = tuned.F[at].copy(), np.empty((15, 3)), np.empty((15, 3))
     for i in range(15):
-        _turn(F[i], c, s)
+        turn_states(F[i], c, s)
     for j in range(15):
-        _turn(F[:, j], c, s)
+        turn_states(F[:, j], c, s)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     north, east = cp * middle[0] - sp * middle[1], sp * middle[0] + cp * middle[1]
     body = np.array([[cp, sp, 0.0], [-sp, cp, 0.0], [-east, north, 1.0]])
     G[:], K[:] = tuned.G[at] @ body, tuned.K[at] @ np.ascontiguousarray(turn.T)
     for j in range(3):
-        _turn(G[:, j], c, s)
-        _turn(K[:, j], c, s)
+        turn_states(G[:, j], c, s)
+        turn_states(K[:, j], c, s)
     return F, G, K, turn @ tuned.inverse[at] @ np.ascontiguousarray(turn.T)
 
 
