@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -232,6 +234,13 @@ def test_nothing_stops_a_batch_or_writes_to_its_terminal(capsys: pytest.CaptureF
     ends = catenary((200.0, 150.0), 249.99, 800.0, 7e13)
     assert np.all(np.isfinite(ends.upper))
     assert capsys.readouterr().out == ""
+
+
+def test_the_first_import_of_moorpy_on_a_machine_warns_nobody(tmp_path: Path) -> None:
+    task = "from mooringdx.physics.catenary import catenary; catenary((400.0, 100.0), 450.0, 1000.0, 5e8)"
+    fresh = [sys.executable, "-W", "error", "-X", f"pycache_prefix={tmp_path}", "-c", task]
+    done = subprocess.run(fresh, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_buoyancy_is_lost_down_to_a_full_element(model_ship: VesselModel) -> None:

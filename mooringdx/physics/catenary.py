@@ -54,8 +54,9 @@ def catenary(
     ``seabed``: friction coefficient with the lower end on the seabed, or, negative, minus its height above it, m.
     ``guess``: horizontal and vertical tension to start from, N. Raise FitError where MoorPy finds no shape.
     """
-    from moorpy.Catenary import catenary as moorpy_catenary
-    from moorpy.helpers import CatenaryError
+    with _unattended():  # its files hold escapes that Python warns of when it first compiles them
+        from moorpy.Catenary import catenary as moorpy_catenary
+        from moorpy.helpers import CatenaryError
 
     x, z = float(span[0]), float(span[1])
     if x < 0.0 or z + max(0.0, -seabed) < -1e-9 * length or min(length, stiffness) <= 0.0:
