@@ -11,7 +11,7 @@ from mooringdx.registry import resolve
 from mooringdx.simulate.plant import run, tensions
 from mooringdx.simulate.rig import Rig, draw_rig
 from mooringdx.simulate.scenario import Scenario
-from mooringdx.simulate.sea import first_order
+from mooringdx.simulate.sea import VERTICAL, elevation, first_order
 from mooringdx.simulate.sensors import logged
 from mooringdx.simulate.streams import Draw, stream, streams, wander
 from mooringdx.simulate.weather import Weather, draw_weather
@@ -40,6 +40,7 @@ def simulate(scenario: Scenario, seed: int, weather: int | None = None) -> tuple
     air = draw_weather(scenario, draw, time)
     motion, thrust, pulls = _moved(scenario, rig, air, before, dt)
     true = _true(scenario, rig, draw, motion[before:], thrust[before:], pulls[before:])
+    true |= {name: (kind, values[before:]) for name, (kind, values) in _seaway(scenario, rig, air).items()}
     signals = logged(scenario, draw, np.round(time[before:], 6), true, air.wind[before:])
     name = f"simulated, seed {seed}" + ("" if weather is None else f", weather {weather}")
     source = LogSource(path=name, format="simulated", bytes=0, sha256="")
@@ -62,6 +63,21 @@ def _moved(scenario: Scenario, rig: Rig, air: Weather, before: int, dt: float) -
     motion[:, 1] += s * fast[:, 0] + c * fast[:, 1]
     motion[:, 2] += fast[:, 2]
     return motion, thrust, tensions(motion, dt, rig.levels, dragged, rig.lines)
+
+
+def _seaway(scenario: Scenario, rig: Rig, air: Weather) -> dict[str, tuple[str, Array]]:
+    """Return what probes of the sea and sensors of the vertical motion see, where the scenario logs them.
+
+    At the heading to hold, or, without a controller, at the neutral one.
+    """
+    sensors, out = scenario.sensors, {}
+    angle = air.travel - float(rig.rest[2])
+    if sensors.wave.logged:
+        out["wave_elevation_1"] = ("wave", air.growth * elevation(air.waves, angle, sensors.wave.ahead))
+    if sensors.motion.logged:
+        moved = air.growth[:, None] * first_order(air.waves, rig.vessel.hull, angle, air.turn, VERTICAL)
+        out |= {"heave": ("motion", moved[:, 0]), "pitch": ("motion", np.degrees(moved[:, 1]))}
+    return out
 
 
 def _true(

@@ -9,7 +9,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from mooringdx.config import read_toml, validate, vessel_file
 from mooringdx.physics.vessel import VesselModel
@@ -112,19 +119,39 @@ class Sensor(_Part):
     logged: bool = True
 
 
+class Probe(Sensor):
+    """[sensors.wave]: a sensor of the sea surface ``ahead`` m forward of the neutral place, which does not move."""
+
+    ahead: float = 0.0
+
+
 class Sensors(_Part):
-    """[sensors]: position m, heading deg, tension N, thrust N and N m, wind m/s on each component."""
+    """[sensors]: position m, heading deg, tension N, thrust N and N m, wind m/s on each component.
+
+    ``wave``: elevation, m; ``motion``: heave m, down, and pitch deg, bow up. Both are logged only where asked for.
+    """
 
     position: Sensor = Sensor(noise=0.001, quantum=0.0001)
     heading: Sensor = Sensor(noise=0.05, quantum=0.001)
     tension: Sensor = Sensor(noise=0.02, quantum=0.001)
     thrust: Sensor = Sensor(quantum=0.0001)
     wind: Sensor = Sensor(noise=0.02, quantum=0.001)
+    wave: Probe = Probe(logged=False)
+    motion: Sensor = Sensor(logged=False)
+
+    @model_serializer(mode="wrap")
+    def _without_silent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what is not logged by default and as by default, so that older truths keep their bytes."""
+        body: dict[str, Any] = handler(self)
+        return {k: v for k, v in body.items() if k not in ("wave", "motion") or getattr(self, k) != SILENT[k]}
 
     def items(self) -> tuple[tuple[str, Sensor], ...]:
         """Return each kind with its sensor."""
-        names = ("position", "heading", "tension", "thrust", "wind")
+        names = ("position", "heading", "tension", "thrust", "wind", "wave", "motion")
         return tuple((name, getattr(self, name)) for name in names)
+
+
+SILENT: dict[str, Sensor] = {"wave": Probe(logged=False), "motion": Sensor(logged=False)}
 
 
 class Scenario(_Part):

@@ -3,6 +3,7 @@
 One harmonic a Fourier bin of the whole record, so that nothing repeats within it:
 
     zeta(t)  = g(t) Re sum_k sum_b A_kb exp(i w_k t),   A_kb complex Gaussian,   E|A_kb|^2 = 2 S(w_k) D_b dw
+    probe    = g(t) Re sum_k sum_b A_kb exp(i (w_k t - k_k d cos(travel_b - heading))),   d m ahead of the origin
     motion   = g(t) Re sum_k sum_b A_kb X(w_k, travel_b(t) - heading) exp(i w_k t)
     drift    = c Hs^2 g(t)^2 Re(z* sum_b z_b u_b) / mean |z|^2,   z_b(t) = sum_k A_kb exp(i w_k t),   z = sum_b z_b
 
@@ -12,7 +13,8 @@ its own; in a long-crested one the drift is the squared envelope along it. S, D:
 coefficient for all frequencies [Newman1974]. g: growth of the sea. A turning
 sea keeps its elevation at the origin; its answers are blended between headings 15 deg apart.
 
-A growing sea keeps its period. The answer is for a fixed heading: yawing by more than a spreading angle is not in it.
+A growing sea keeps its period; a turning sea does not turn what a probe sees. The answer is for a fixed heading: yawing
+by more than a spreading angle is not in it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 
 from mooringdx.physics.response import closed_form
 from mooringdx.physics.vessel import Hull
-from mooringdx.physics.waves import density, spreading
+from mooringdx.physics.waves import GRAVITY, density, spreading
 from mooringdx.simulate.scenario import Sea
 from mooringdx.simulate.streams import Draw
 from mooringdx.types import Array
@@ -32,6 +34,8 @@ from mooringdx.types import Array
 DIRECTIONS = 5
 HIGHEST = 8.0  # peak frequencies; 0.03 % of the energy lies above
 BLEND = np.radians(15.0)
+HORIZONTAL, VERTICAL = (0, 1, 5), (2, 4)
+"""Surge, sway, yaw, and heave, pitch among a hull's six motions."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,16 @@ def squared_envelope(waves: Waves) -> Array:
     return np.asarray(8.0 * (record(waves, total) ** 2 + record(waves, -1j * total) ** 2))
 
 
+def elevation(waves: Waves, angle: float, ahead: float) -> Array:
+    """Return the sea surface, (n,), m, up, at a probe ``ahead`` m forward of the origin, before growth.
+
+    ``angle``: rad, of the waves' travel from the bow, clockwise. Deep water: k = w^2/g.
+    """
+    path = np.cos(angle + waves.offsets)[:, None] * (ahead * waves.omega**2 / GRAVITY)
+    spectrum = (waves.amplitude * np.exp(-1j * path)).sum(axis=0)
+    return record(waves, np.asarray(spectrum))
+
+
 def slow_drift(waves: Waves) -> Array:
     """Return the drift before its coefficient along and across the mean direction, (n, 2), m2.
 
@@ -97,8 +111,8 @@ def slow_drift(waves: Waves) -> Array:
     return out
 
 
-def first_order(waves: Waves, hull: Hull, angle: float, turn: Array) -> Array:
-    """Return surge, sway (m) and yaw (rad) in body axes, (n, 3).
+def first_order(waves: Waves, hull: Hull, angle: float, turn: Array, rows: tuple[int, ...] = HORIZONTAL) -> Array:
+    """Return surge, sway (m) and yaw (rad) in body axes, or other ``rows`` of the hull's six motions, (n, rows).
 
     ``angle``: rad, of the waves' travel from the bow, clockwise; ``turn``: (n,), rad, added to it as the sea turns, or
     (1,) zero.
@@ -106,11 +120,11 @@ def first_order(waves: Waves, hull: Hull, angle: float, turn: Array) -> Array:
     low, high = min(0.0, float(turn.min())), max(0.0, float(turn.max()))
     count = 1 + int(np.ceil((high - low) / BLEND - 1e-9))
     nodes = np.linspace(low, high, count)
-    out = np.zeros((waves.n, 3))
+    out = np.zeros((waves.n, len(rows)))
     for i, node in enumerate(nodes):
-        spectrum = np.zeros((3, waves.omega.size), dtype=np.complex128)
+        spectrum = np.zeros((len(rows), waves.omega.size), dtype=np.complex128)
         for offset, amplitude in zip(waves.offsets, waves.amplitude, strict=True):
-            spectrum += amplitude * closed_form(hull, waves.omega, angle + node + offset)[[0, 1, 5]]
+            spectrum += amplitude * closed_form(hull, waves.omega, angle + node + offset)[list(rows)]
         weight = 1.0 if count == 1 else np.interp(turn, nodes, np.eye(count)[i])[:, None]
         out += weight * record(waves, spectrum).T
     return out

@@ -17,7 +17,9 @@ from mooringdx.simulate.scenario import Scenario, Sensor
 from mooringdx.simulate.streams import Draw
 from mooringdx.types import Array, Signal
 
-UNITS = {"position": "m", "heading": "deg", "tension": "N", "thrust": "N", "wind": "m/s"}
+UNITS = {"position": "m", "heading": "deg", "tension": "N", "thrust": "N", "wind": "m/s", "wave": "m", "motion": "m"}
+UNITS_OF = {"thrust_yaw": "N m", "pitch": "deg"}
+"""Where a channel's unit is not that of its sensor."""
 
 
 def logged(
@@ -38,7 +40,7 @@ def logged(
         clock = time[:: every(scenario, sensor)]
         noise = sensor.noise * draw(f"noise {name}").standard_normal(clock.size)
         seen = read(time, values, clock, noise, sensor, faults)
-        out[name] = Signal(name, clock, seen, "N m" if name == "thrust_yaw" else UNITS[kind])
+        out[name] = Signal(name, clock, seen, UNITS_OF.get(name, UNITS[kind]))
     if scenario.sensors.wind.logged and wind[:, 0].any():
         out |= _anemometer(scenario, draw, time, wind)
     return out
