@@ -38,6 +38,7 @@ from mooringdx.hypotheses.onset.bank import (
 )
 from mooringdx.hypotheses.onset.kernel import Odds
 from mooringdx.hypotheses.onset.verdict import Piece, checks, events
+from mooringdx.hypotheses.onset.witness import Sight, Witness
 from mooringdx.observers.forces import wind_force
 from mooringdx.observers.identify import Identified, Record, identify
 from mooringdx.observers.kalman import Filter, held
@@ -206,13 +207,18 @@ class OnsetGlr:
 
         After a line is named the filter starts anew at its onset, without that line, and the bank after a warm-up.
         """
+        posterior, found, rows, _ = self.walked(channels)
+        return posterior, found, rows
+
+    def walked(self, channels: Channels) -> tuple[Posterior, tuple[Event, ...], tuple[Check, ...], Witness]:
+        """Return what a call returns, and a witness whom other evidence may ask about a line and an onset."""
         known = _known(channels)
         if missing := [name for name in self.known if name not in known]:
             raise ConfigError(
                 f"[bank] {BANK}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
             )
         eta, force = self._inputs(channels)
-        pieces = self._pieces(eta, force)
+        pieces, sights = self._pieces(eta, force)
         n = len(eta)
         lines = self.mooring.names
         score, probability = np.full(n, np.nan), np.zeros((n, len(lines) + 3))
@@ -225,12 +231,14 @@ class OnsetGlr:
         posterior = Posterior(BANK, names, grid.time, probability[row])
         clock = (grid.start, self.step)
         found = events(pieces, lines, self.odds, self.beat, clock, self.warning, self.alarm)
-        return posterior, found, checks(pieces, score, self.observability(), self.warning, clock)
+        rows = checks(pieces, score, self.observability(), self.warning, clock)
+        return posterior, found, rows, Witness(sights, self.odds, self.beat, clock)
 
-    def _pieces(self, eta: Array, force: Array) -> list[Piece]:
+    def _pieces(self, eta: Array, force: Array) -> tuple[list[Piece], tuple[Sight, ...]]:
         """Return one walk after another: each ends where a line was named, the next is without that line."""
         mooring, first, skip, gone, bias = self.mooring, 0, 0, -1, self.bias
         out: list[Piece] = []
+        sights: list[Sight] = []
         while True:
             filtering = self._filter(mooring)
             models = filtering.models(eta[first:, 2])
@@ -238,8 +246,9 @@ class OnsetGlr:
             trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning)
             until = None if trace.alarm < 0 else max(trace.alarm - self.beat.confirm, 1)
             out.append(Piece(first, skip, gone, trace, _mean(estimate.nis[:until])))
+            sights.append(Sight(first, skip, estimate, models, mooring))
             if trace.alarm < 0 or first + trace.named >= len(eta) - 2:
-                return out
+                return out, tuple(sights)
             gone, onset = out[-1].best()
             mooring = mooring.without([mooring.names[gone]])
             bias = np.array(estimate.bias[max(onset - 1, 0)])

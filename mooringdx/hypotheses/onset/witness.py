@@ -1,0 +1,186 @@
+"""What position says of one line that another witness says was lost, at an onset that this witness gives.
+
+    L(k) = ln mean_k0 exp L_j(k; k0)          k0 on a small grid over the onset's interval, L_j = 0 for k <= k0
+
+L_j is the log likelihood ratio of the loss of line j from k0 on against nothing at all, as in
+`mooringdx.hypotheses.onset.kernel` (pull known, lost nearly whole and nearly along itself, divided by the temper), from
+the innovations of the bank's filter that knows of no loss [PositionThesis; Basseville1993, ch. 7]. Where it first
+passes +7 nats the loss is confirmed, at -7 refuted: a sequential test, wrong in one of a thousand where the noise is as
+identified. No prior: a hazard has no say once another witness has given line and onset.
+
+What it cannot see: a squall or a wave group at that very time, along that line and of its pull; the loss of a part of
+the pull; an onset in the filter's first ten minutes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numba import njit
+
+from mooringdx.hypotheses.onset.bank import Beat, tuned
+from mooringdx.hypotheses.onset.kernel import (
+    PULSES,
+    Index,
+    Odds,
+    Rig,
+    Slots,
+    Tuned,
+    born,
+    carried,
+    gathered,
+    line_lost,
+    line_pulls,
+    summed,
+    turned,
+)
+from mooringdx.observers.kalman import Estimate
+from mooringdx.observers.matrices import STATES, Model
+from mooringdx.physics.mooring import Mooring
+from mooringdx.types import Array
+
+CERTAIN = 7.0
+"""Nats at which a loss is confirmed or refuted."""
+_ONSETS = 9
+_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One walk's filter: from sample ``first`` of the bank's; what it says holds from ``skip`` samples later on."""
+
+    first: int
+    skip: int
+    estimate: Estimate
+    models: tuple[Model, ...]
+    mooring: Mooring
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Position's testimony on the loss of ``line``.
+
+    ``score``: nats when it was told, or at the end of the look; ``time``: s of that; ``onset``: s; ``why``: why nothing
+    was told, else empty. ``trace``: (m, 2) rows of s since the onset and nats, thinned.
+    """
+
+    line: str
+    verdict: Literal["confirmed", "refuted", "untold"]
+    score: float
+    onset: float
+    time: float
+    trace: tuple[tuple[float, float], ...] = ()
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Ask the bank's filters of one log about a line. ``clock``: s of sample 0, s between samples."""
+
+    sights: tuple[Sight, ...]
+    odds: Odds
+    times: Beat
+    clock: tuple[float, float]
+
+    def __call__(self, line: str, interval: tuple[float, float], stop: float = np.inf) -> Heard:
+        """Return what position says of the loss of ``line`` at an onset in ``interval``, s, up to ``stop``, s."""
+        start, step = self.clock
+        low = int(np.floor((interval[0] - start) / step))
+        high = max(low, int(np.ceil((interval[1] - start) / step)))
+        sight = next((s for s in reversed(self.sights) if s.first + s.skip <= low and line in s.mooring.names), None)
+        middle = 0.5 * (interval[0] + interval[1])
+        if sight is None or low - sight.first < self.times.warm:
+            why = "its filter had not settled yet, ten minutes after the start or after another loss"
+            return Heard(line, "untold", 0.0, middle, middle, (), why)
+        onsets = np.unique(np.linspace(low, high, min(high - low + 1, _ONSETS)).round().astype(np.int64)) - sight.first
+        last = len(sight.estimate.position)
+        if np.isfinite(stop):
+            last = min(last, int((stop - start) / step) - sight.first)
+        last = min(last, int(onsets[-1]) + self.times.end)
+        nats = ratio(sight, line, onsets, last, self.odds)
+        return self._told(line, nats, middle, start + step * (sight.first + float(onsets[0])))
+
+    def _told(self, line: str, nats: Array, onset: float, begin: float) -> Heard:
+        step = self.clock[1]
+        sure = np.flatnonzero(np.abs(nats) >= CERTAIN)
+        at = int(sure[0]) if sure.size else len(nats) - 1
+        if at < 1:
+            return Heard(line, "untold", 0.0, onset, onset, (), "nothing of the log is left to look at")
+        score, time = float(nats[at]), begin + step * at
+        hop = max(1, at // _SHOWN)
+        rows = sorted({*range(0, at + 1, hop), at})
+        trace = tuple((round(begin + step * i - onset, 3), round(float(nats[i]), 3)) for i in rows)
+        if sure.size:
+            return Heard(line, "confirmed" if score > 0.0 else "refuted", score, onset, time, trace)
+        why = f"it came to {score:+.1f} nats, short of {CERTAIN:g} either way"
+        return Heard(line, "untold", score, onset, time, trace, why)
+
+
+def ratio(sight: Sight, line: str, onsets: Index, last: int, odds: Odds) -> Array:
+    """Return L at the samples from the first of ``onsets`` up to ``last`` (exclusive), in nats; (0,) where none is.
+
+    ``onsets``: (m,), ascending samples of the sight. A sample without a fix keeps the value before it.
+    """
+    rig = Rig(
+        sight.mooring.anchors, sight.mooring.fairleads, sight.mooring.start, sight.mooring.step,
+        sight.mooring.horizontal,
+    )  # fmt: skip
+    out = np.zeros(max(last - int(onsets[0]), 0))
+    _followed(
+        onsets, last, sight.estimate.innovation, sight.estimate.position, tuned(sight.models), rig,
+        sight.mooring.fairleads.mean(axis=0), sight.mooring.names.index(line), odds,
+        _slots(len(onsets), len(sight.mooring.names)), out,
+    )  # fmt: skip
+    return out
+
+
+def _slots(count: int, lines: int) -> Slots:
+    return Slots(
+        np.full(count, -1, dtype=np.int64),
+        np.full((count, PULSES), -1, dtype=np.int64),
+        np.zeros((STATES, count, 3)),
+        np.zeros((count, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros((count, PULSES, 3, 3)),
+        np.zeros((count, lines, 3)),
+    )
+
+
+@njit(cache=True)
+def _followed(
+    onsets: Index, last: int, innovation: Array, place: Array, tuned: Tuned, rig: Rig, middle: Array, line: int,
+    odds: Odds, slots: Slots, out: Array,
+) -> None:  # fmt: skip
+    """Fill ``out`` with L from the first of ``onsets`` on."""
+    first, begun = onsets[0], 0
+    logs = np.zeros(onsets.size)
+    for k in range(first, last):
+        if k > first:
+            out[k - first] = out[k - first - 1]
+        if not np.isfinite(place[k]).all():
+            continue
+        F, G, K, inverse = turned(place[k, 2], tuned, middle)
+        if np.isfinite(innovation[k]).all():
+            gathered(innovation[k], K, inverse, slots)
+        for s in range(begun):
+            worth = line_lost(slots.z[s], slots.lam[s], slots.pulls[s, line], odds.temper, odds.along, odds.across)
+            logs[s] = worth
+        out[k - first] = summed(logs) - np.log(onsets.size)
+        while begun < onsets.size and onsets[begun] <= k:
+            born(k, line_pulls(place[k], rig, middle), slots, odds)
+            begun += 1
+        carried(F, G, slots)
+
+
+def summary(heard: Heard) -> dict[str, object]:
+    """Return a testimony as evidence of an event: JSON-safe."""
+    return {
+        "verdict": heard.verdict,
+        "log_likelihood_ratio": heard.score,
+        "seconds": heard.time - heard.onset,
+        "told": heard.time if heard.verdict != "untold" else None,
+        "why": heard.why,
+        "trace": [list(row) for row in heard.trace],
+    }
