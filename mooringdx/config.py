@@ -325,9 +325,12 @@ class BankPart(_Part):
 
     Rates are priors, of all lines together, of a step of the environment (left out: one a day, a month where wind is
     logged) and of a wave group; ``temper`` divides the evidence; ``warning`` and ``alarm`` are log odds.
+    ``feed_forward``: of the drift that wave probes, or heave and pitch, tell: auto on axes where it explains four
+    fifths, off never, always on every axis.
     """
 
     use: list[str] = []
+    feed_forward: Literal["auto", "off", "always"] = "auto"
     line_rate: Rate = parse_rate("1/year")
     environment_rate: Rate | None = None
     pulse_rate: Rate = parse_rate("6/hour")

@@ -39,6 +39,17 @@ from mooringdx.hypotheses.onset.bank import (
 from mooringdx.hypotheses.onset.kernel import Odds
 from mooringdx.hypotheses.onset.verdict import Piece, checks, events
 from mooringdx.hypotheses.onset.witness import Sight, Witness
+from mooringdx.observers.feedforward import (
+    HARM,
+    MEMORY,
+    SLOW_MEAN,
+    Feed,
+    Ground,
+    learned,
+    removed,
+    squared,
+    told,
+)
 from mooringdx.observers.forces import wind_force
 from mooringdx.observers.identify import Identified, Record, identify
 from mooringdx.observers.kalman import Filter, held
@@ -79,7 +90,7 @@ class OnsetGlr:
     log's clock in one of the bank's, ``step``: s of the latter. ``rates``: 1/s at full scale, of all lines, an
     environmental step, a wave group. ``temper``: what evidence is divided by; ``drift``: (2,), N, the mean slow drift
     in surge and what stands for it in sway; ``nis``: of the filter on the no-fault window, 3 when matched; ``spread``:
-    mean z'Lam^-1 z/2 there.
+    mean z'Lam^-1 z/2 there. ``feeds``: forces learned from waves or motions; ``gusts``: R^2 of the wind's force.
     """
 
     mooring: Mooring
@@ -100,6 +111,8 @@ class OnsetGlr:
     drift: tuple[float, float]
     nis: float
     spread: float
+    feeds: tuple[Feed, ...] = ()
+    gusts: tuple[float, float, float] | None = None
 
     @classmethod
     def fit(cls, training: Sequence[NoFault], run: RunConfig) -> OnsetGlr:
@@ -137,7 +150,39 @@ class OnsetGlr:
             spread=np.nan,
         )
         eta, force = draft._inputs(longest.channels, piece)
-        return draft._identified(eta, force)
+        plain = draft._identified(eta, force)
+        return plain if run.bank.feed_forward == "off" else plain._fed(longest.channels, piece, run.bank)
+
+    def _fed(self, channels: Channels, piece: slice, bank: BankPart) -> OnsetGlr:
+        """Weigh the forces of wind, waves and motions on the no-fault piece, and learn anew what is left with them."""
+        new = self
+        eta, force = self._inputs(channels, piece)
+        skip = min(self.beat.warm, len(eta) // 4)
+        if set(_WIND) <= set(self.known):
+            calm = replace(self, known=tuple(c for c in self.known if c not in _WIND))
+            bare = calm._inputs(channels, piece)[1]
+            gusts = removed(Ground(self._filter(self.mooring), eta, bare, self.bias, skip), force - bare)
+            new = replace(self, gusts=gusts)
+            if min(gusts[:2]) < HARM:
+                calm = replace(calm, gusts=gusts, rates=_rates(bank, calm.known), temper=bank.temper)
+                new, force = calm._identified(eta, bare), bare
+        feeds = learned(
+            Ground(new._filter(new.mooring), eta, force, new.bias, skip),
+            channels.names,
+            lambda names: new._squares(channels, piece, names),
+            1.0 / (self.time_scale * self.step),
+            bank.feed_forward == "always",
+        )
+        new = replace(new, feeds=feeds)
+        used = [name for feed in new.feeds if any(feed.on) for name in feed.channels]
+        if not used:
+            return new
+        fed = replace(new, known=(*new.known, *used), temper=bank.temper)
+        return fed._identified(*fed._inputs(channels, piece))
+
+    def _squares(self, channels: Channels, piece: slice, names: Sequence[str]) -> Array:
+        values = np.column_stack([channels.column(c)[piece] for c in names])
+        return squared(values, self.step / self.thin, SLOW_MEAN / self.time_scale, self.thin)
 
     def _identified(self, eta: Array, force: Array) -> OnsetGlr:
         good = eta[np.isfinite(eta).all(axis=1)]
@@ -200,7 +245,12 @@ class OnsetGlr:
             speed, direction = held(np.column_stack([channels.column(c)[piece] for c in _WIND])).T
             force += wind_force(self.wind, speed, direction + np.pi - held(eta)[:, 2])
         n = len(eta) // self.thin
-        return eta[: n * self.thin : self.thin], force[: n * self.thin].reshape(n, self.thin, 3).mean(axis=1)
+        thinned = force[: n * self.thin].reshape(n, self.thin, 3).mean(axis=1)
+        for feed in self.feeds:
+            if any(feed.on):
+                squares = self._squares(channels, piece, feed.channels)
+                thinned = thinned + feed.force(squares, self.step, MEMORY / self.time_scale)
+        return eta[: n * self.thin : self.thin], thinned
 
     def __call__(self, channels: Channels) -> tuple[Posterior, tuple[Event, ...], tuple[Check, ...]]:
         """Return the posterior on the log's clock, one event a lost line, and checks.
@@ -212,8 +262,8 @@ class OnsetGlr:
 
     def walked(self, channels: Channels) -> tuple[Posterior, tuple[Event, ...], tuple[Check, ...], Witness]:
         """Return what a call returns, and a witness whom other evidence may ask about a line and an onset."""
-        known = _known(channels)
-        if missing := [name for name in self.known if name not in known]:
+        _known(channels)
+        if missing := [name for name in self.known if name not in channels.names]:
             raise ConfigError(
                 f"[bank] {BANK}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
             )
@@ -232,6 +282,10 @@ class OnsetGlr:
         clock = (grid.start, self.step)
         found = events(pieces, lines, self.odds, self.beat, clock, self.warning, self.alarm)
         rows = checks(pieces, score, self.observability(), self.warning, clock)
+        squares = [
+            self._squares(channels, slice(None), f.channels) if any(f.on) else np.zeros((0, 0)) for f in self.feeds
+        ]
+        rows = (*rows, *told(self.feeds, self.gusts, squares))
         return posterior, found, rows, Witness(sights, self.odds, self.beat, clock)
 
     def _pieces(self, eta: Array, force: Array) -> tuple[list[Piece], tuple[Sight, ...]]:
