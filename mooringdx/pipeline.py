@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mooringdx import __version__, residuals
+from mooringdx import __version__, fusion, residuals
 from mooringdx.baseline import Baseline, learn
 from mooringdx.checks import run_checks, watched_check
 from mooringdx.config import RunConfig, window_seconds
@@ -92,10 +92,16 @@ def detect(channels: Channels, baseline: Baseline, *, name: str, command: str = 
         checks.append(watched_check(watched_until(walk.statistics, channels), channels))
     posteriors = []
     seen: dict[str, object] = {}
+    known = None if measured is None or baseline.fitted is None else fusion.gauges(channels, measured, baseline.fitted)
     for word in run.bank.use:
         kind = resolve(word, HYPOTHESES, "bank")
         bank = kind.from_dict(baseline.banks[word]) if word in baseline.banks else kind(getattr(run.bank, word))
-        posterior, found, rows = bank(channels)
+        if known is not None and hasattr(bank, "walked"):
+            posterior, found, rows, asked = bank.walked(channels)
+            fused, said = fusion.fuse(events, found, asked, known, fusion.REACH / bank.time_scale)
+            events, found, rows = list(fused), (), (*rows, *said)
+        else:
+            posterior, found, rows = bank(channels)
         seen.update(bank.observability() if hasattr(bank, "observability") else {})
         posteriors.append(posterior)
         events += found
