@@ -320,6 +320,27 @@ class AdriftPart(_Part):
     expired_gap: Positive = 30.0
 
 
+class ThesisPart(_Part):
+    """[bank.thesis], for thesis_dht and thesis_mle; ``covariance``: where that of each hypothesis' errors is from."""
+
+    equations: Literal["printed", "mended"] = "printed"
+    values: Literal["text", "listing"] = "text"
+    covariance: Literal["simulated", "no_fault"] = "simulated"
+
+
+class PeersPart(_Part):
+    """[bank.peers], for imm, shared_bias, live_bias and no_bias.
+
+    ``temper``: auto is each bank's own; ``floor``: the least probability of a hypothesis (not imm's, which has rates);
+    ``memory``, ``delay``: s at full scale, of shared_bias' mean bias.
+    """
+
+    temper: Annotated[float, Field(ge=1)] | Literal["auto"] = "auto"
+    floor: Annotated[float, Field(ge=0, lt=0.01)] = 1e-9
+    memory: Positive = 900.0
+    delay: Annotated[float, Field(ge=0)] = 120.0
+
+
 class BankPart(_Part):
     """[bank]: position-only hypotheses.
 
@@ -338,6 +359,8 @@ class BankPart(_Part):
     warning: float = -3.0
     alarm: float = 0.0
     adrift: AdriftPart = AdriftPart()
+    thesis: ThesisPart = ThesisPart()
+    peers: PeersPart = PeersPart()
 
 
 class RunConfig(_Part):

@@ -22,21 +22,27 @@ FORGETTING = {"text": 0.999, "listing": 0.99}
 
 
 def mle(
-    innovation: Array, covariances: Array, forgetting: float = FORGETTING["text"], equations: str = "mended"
+    innovation: Array,
+    covariances: Array,
+    forgetting: float = FORGETTING["text"],
+    equations: str = "mended",
+    start: Array | None = None,
 ) -> Array:
-    """Return the negative log-likelihood K of every hypothesis after every sample, (n, h); it starts at zero.
+    """Return the negative log-likelihood K of every hypothesis after every sample, (n, h).
 
     ``innovation``: (n, h, 3); a row with a NaN leaves K as it is. ``covariances``: (h, 3, 3). ``forgetting``: c.
+    ``start``: (h,), the sum before the first sample, K itself as mended; zero when None.
     """
     inverse, logdet = weights(covariances)
-    out: Array = _summed(np.ascontiguousarray(innovation), inverse, logdet, forgetting, equations == "printed")
+    total = np.zeros(len(covariances)) if start is None else np.array(start, dtype=np.float64)
+    out: Array = _summed(np.ascontiguousarray(innovation), inverse, logdet, forgetting, equations == "printed", total)
     return out
 
 
 @njit(cache=True)
-def _summed(innovation: Array, inverse: Array, logdet: Array, keep: float, printed: bool) -> Array:
+def _summed(innovation: Array, inverse: Array, logdet: Array, keep: float, printed: bool, total: Array) -> Array:
     n, h = innovation.shape[0], innovation.shape[1]
-    out, new, total = np.zeros((n, h)), np.empty(h), np.zeros(h)
+    out, new = np.zeros((n, h)), np.empty(h)
     for k in range(n):
         whole = True
         for i in range(h):
@@ -48,7 +54,7 @@ def _summed(innovation: Array, inverse: Array, logdet: Array, keep: float, print
             new[i] = 0.5 * (square + logdet[i])
         for i in range(h):
             if not whole:
-                out[k, i] = out[k - 1, i] if k else 0.0
+                out[k, i] = out[k - 1, i] if k else total[i]
                 continue
             out[k, i] = keep * total[i] + new[i]
             total[i] = total[i] + new[i] if printed else out[k, i]
