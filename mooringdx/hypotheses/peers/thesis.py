@@ -154,7 +154,7 @@ class Thesis:
         worst = float(size.max() / pull)
         return Check(
             "unexplained force", self.word, not over.size,
-            f"up to {worst:.2f} of a line's horizontal pull over {LASTING / base.time_scale:.0f} s, more than {BANNER:g} "
+            f"up to {worst:.2f} of a line's pull over {LASTING / base.time_scale:.0f} s, more than {BANNER:g} "
             f"for {over.size / size.size:.0%} of the log{when}",
             worst, BANNER, "1",
             "a force this large is a lost line to this bank, whatever it is; decide by onset_glr" if over.size else "",
