@@ -107,6 +107,8 @@ def event_block(
         ("Until", wording.sentence(cleared)),
         ("What it cannot tell", wording.sentence(event.cannot_tell or "nothing is named as undecidable")),
     ]
+    both = wording.witnesses(event)
+    facts += [("What each witness says", wording.sentence(both))] if both else []
     return {
         "id": f"event_{index}",
         "event": event,

@@ -161,6 +161,8 @@ def text(detection: Detection) -> str:
         ]
         if event.size is not None:
             lines.append(f"  how big    {wording.size(event)}")
+        if both := wording.witnesses(event):
+            lines.append(f"  witnesses  {both}")
         if event.cannot_tell:
             lines.append(f"  not told   {wording.sentence(event.cannot_tell)}")
     for event in ranked[1:3]:

@@ -163,6 +163,48 @@ def others(event: Event) -> str:
     return "; ".join(f"{cause(r.kind, r.subject)} (probability {_share(r.probability)})" for r in event.rivals)
 
 
+TENSION_SAYS = {
+    "line": "the balance of forces says it was the line",
+    "sensor": "the balance of forces says it was the sensor",
+    "either": "the line or its sensor, it cannot tell which",
+    "confirmed": "the gauge confirms the break",
+    "refuted": "the gauge lives and still reads the intact line",
+    "untold": "the gauge says neither yes nor no",
+    "stuck": "the gauge does not move and has no say",
+    "not seen": "the gauge of this line was not seen",
+}
+
+
+def witnesses(event: Event) -> str:
+    """Say what tension and position say apart, in nats of break over no break; empty where only one was asked."""
+    tension, position = event.evidence.get("tension"), event.evidence.get("position")
+    if not isinstance(tension, Mapping) or not isinstance(position, Mapping):
+        return ""
+    words = TENSION_SAYS.get(str(tension.get("verdict")), str(tension.get("verdict")))
+    nats = tension.get("log_likelihood_ratio")
+    said = f"tension: {words}" + ("" if nats is None else f", {nats:+.3g} nats")
+    return f"{said}; position: {_position(event, position)}"
+
+
+def _position(event: Event, said: Mapping[str, Any]) -> str:
+    alarms = said.get("alarms", [said] if "verdict" not in said else [])
+    own = [
+        f"alarm for {a['subject']} by itself {duration(a['detected'] - event.onset)} after the onset"
+        + (" that did not stand" if a["cleared"] is not None else "")
+        for a in alarms
+    ]
+    words = []
+    if "verdict" in said:
+        seen, score = duration(said["seconds"]), f"{said['log_likelihood_ratio']:+.1f} nats"
+        untold = f"break neither confirmed nor refuted, {said['why']}"
+        words.append(f"break {said['verdict']} after {seen}, {score}" if said["told"] is not None else untold)
+        rows = said.get("trace") or []
+        some = [rows[round(i * (len(rows) - 1) / 4)] for i in range(1, 4)] if len(rows) > 4 else []
+        if some:
+            words.append("on the way " + ", ".join(f"{n:+.1f} at {duration(t)}" for t, n in some))
+    return "; ".join([*words, *own])
+
+
 def when(event: Event, epoch_ns: int | None) -> str:
     """Say the onset with its 95 % interval."""
     low, high = event.onset_interval

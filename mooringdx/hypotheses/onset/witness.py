@@ -8,8 +8,9 @@ the innovations of the bank's filter that knows of no loss [PositionThesis; Bass
 passes +7 nats the loss is confirmed, at -7 refuted: a sequential test, wrong in one of a thousand where the noise is as
 identified. No prior: a hazard has no say once another witness has given line and onset.
 
-What it cannot see: a squall or a wave group at that very time, along that line and of its pull; the loss of a part of
-the pull; an onset in the filter's first ten minutes.
+What it cannot see: a squall or a wave group at that very time, along that line and of its pull; the loss of a neighbour
+that points within some 60 deg of it, which pushes the vessel the same way; the loss of a part of the pull; an onset in
+the filter's first ten minutes.
 """
 
 from __future__ import annotations
@@ -57,6 +58,11 @@ class Sight:
     models: tuple[Model, ...]
     mooring: Mooring
 
+    def has(self, line: str) -> bool:
+        """Return whether the filter still has the line: one that it takes for lost pulls nothing."""
+        names = self.mooring.names
+        return line in names and bool(self.mooring.horizontal[names.index(line)].any())
+
 
 @dataclass(frozen=True)
 class Heard:
@@ -89,7 +95,7 @@ class Witness:
         start, step = self.clock
         low = int(np.floor((interval[0] - start) / step))
         high = max(low, int(np.ceil((interval[1] - start) / step)))
-        sight = next((s for s in reversed(self.sights) if s.first + s.skip <= low and line in s.mooring.names), None)
+        sight = next((s for s in reversed(self.sights) if s.first + s.skip <= low and s.has(line)), None)
         middle = 0.5 * (interval[0] + interval[1])
         if sight is None or low - sight.first < self.times.warm:
             why = "its filter had not settled yet, ten minutes after the start or after another loss"
