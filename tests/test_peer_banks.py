@@ -380,6 +380,13 @@ def test_a_run_file_fits_stores_and_detects_with_it(lost: Channels) -> None:
     assert {"error covariance", "unexplained force"} <= {c.name for c in found.checks}
 
 
+def test_a_channel_that_was_there_is_asked_for(learned: tuple[OnsetGlr, list[Training]], lost: Channels) -> None:
+    bare = replace(lost, names=tuple("x_thrust" if name == "thrust_sway" else name for name in lost.names))
+    for one in (peer(learned, "imm"), reference(learned, "thesis_dht", covariance="no_fault")):
+        with pytest.raises(ConfigError, match=f"{one.word}.*thrust_sway"):
+            one(bare)
+
+
 def test_words_that_are_not_known_are_refused() -> None:
     body = run_file("thesis_dht").model_dump(mode="json")
     body["bank"]["thesis"]["covariance"] = "guessed"

@@ -27,6 +27,7 @@ import numpy as np
 from mooringdx.config import RunConfig
 from mooringdx.hypotheses.onset_glr import NoFault, OnsetGlr
 from mooringdx.hypotheses.peers.kernel import Lines, Rule, Stack, weigh
+from mooringdx.hypotheses.peers.sight import inputs
 from mooringdx.hypotheses.peers.verdict import crossed, events
 from mooringdx.observers.kalman import Filter, held
 from mooringdx.observers.matrices import Model, Noise
@@ -71,7 +72,7 @@ class Peer:
     def __call__(self, channels: Channels) -> tuple[Posterior, tuple[Event, ...], tuple[Check, ...]]:
         """Return the posterior on the log's clock, one event an alarm, and a check that says what this bank is."""
         base, grid = self.base, channels.grid
-        eta, force = base._inputs(channels)
+        eta, force = inputs(base, channels, self.word)
         p = self.weighed(eta, force)
         alarms = crossed(p, base.alarm, base.warning, base.beat.confirm)
         note = "; after a quarter of an hour it takes a loss for a steady force" if self.word == "shared_bias" else ""

@@ -28,6 +28,7 @@ from mooringdx.errors import FitError
 from mooringdx.hypotheses.dht import FLOOR, dht
 from mooringdx.hypotheses.mle import FORGETTING, mle
 from mooringdx.hypotheses.onset_glr import NoFault, OnsetGlr
+from mooringdx.hypotheses.peers.sight import inputs
 from mooringdx.hypotheses.peers.taught import DURATION, SEED, SETTLE, no_fault, simulated
 from mooringdx.hypotheses.peers.verdict import events, held
 from mooringdx.observers.passive import BIAS_TIME, Passive, passive, single_losses, watch
@@ -77,7 +78,7 @@ class Thesis:
 
     def inputs(self, channels: Channels, piece: slice = slice(None)) -> tuple[Array, Array]:
         """Return places and known forces, (n, 3) each, at every sample of the log."""
-        return replace(self.base, thin=1, step=self.step)._inputs(channels, piece)
+        return inputs(replace(self.base, thin=1, step=self.step), channels, self.word, piece)
 
     def __call__(self, channels: Channels) -> tuple[Posterior, tuple[Event, ...], tuple[Check, ...]]:
         """Return the posterior, one event a time that a line is held for 20 s, and checks."""

@@ -21,7 +21,7 @@ from mooringdx.types import Array, Event, Rival
 SHARE = 0.05
 UNTOLD = (
     "this bank knows no squall, no step of the current and no group of waves: to it each of them, along the line, is "
-    "the loss of it; onset_glr weighs them"
+    "the loss of it; onset_glr weighs them. It has no onset either: the interval is as long as it may lag behind"
 )  # fmt: skip
 
 
