@@ -45,7 +45,7 @@ _LIVES = 0.1
 
 @dataclass(frozen=True)
 class Spoken:
-    """A gauge's testimony on its line's loss: ``score``, nats (None: not seen); ``alive``: it moves as it did."""
+    """A gauge's testimony on its line's loss: ``score``, nats (None: not seen); ``alive``: it is not held."""
 
     score: float | None
     alive: bool
@@ -82,7 +82,7 @@ class Gauges:
         """Return what the line's gauge says of its loss from ``start`` to ``stop``, s."""
         channel = self.channel_of(line)
         if channel is None:
-            return Spoken(None, False)
+            return Spoken(None, True)
         row, column = self.residuals.names.index(f"{channel} - intact"), self.channels.names.index(channel)
         look = self.channels.grid.window((start, stop))
         values = self.residuals.values[look, row][self.residuals.valid[look, row]]
@@ -92,7 +92,7 @@ class Gauges:
             for d in self.channels.defects
         )
         if len(values) < 4:
-            return Spoken(None, False)
+            return Spoken(None, not held)
         loss = self.part.parted - self.whole(line)
         spread = float(self.fitted.raw.covariance[row, row]) / min(len(values), self.fitted.timing.window)
         spread += (SIGNATURE_ERROR * loss) ** 2
@@ -164,13 +164,13 @@ def _alone(own: Event, known: Gauges) -> tuple[Event, list[Check]]:
     until = own.named or own.cleared or own.detected
     said = known.spoken(own.subject, min(own.onset_interval[1], own.detected), until)
     words: dict[str, Any] = {"verdict": "not seen", "log_likelihood_ratio": said.score}
-    if said.score is None:
-        return _with(own, position=_own(own), tension=words), []
     if not said.alive:
         detail = f"position says {own.subject} is lost; its gauge does not move and can neither confirm nor refute it"
         told = replace(own, cannot_tell=f"{own.cannot_tell}; the gauge of {own.subject} does not move")
         row = _row(own.subject, detail, said.score, "have the gauge looked at; it may have died before")
         return _with(told, position=_own(own), tension=words | {"verdict": "stuck"}), [row]
+    if said.score is None:
+        return _with(own, position=_own(own), tension=words), []
     if said.score > -CERTAIN:
         verdict = "confirmed" if said.score >= CERTAIN else "untold"
         return _with(own, position=_own(own), tension=words | {"verdict": verdict}), []
@@ -267,7 +267,7 @@ def _apart(
     return out, [_row(line, words, score, f"look at {line} and at its gauge; take neither name as a finding")]
 
 
-def _row(subject: str, detail: str, value: float, remedy: str) -> Check:
+def _row(subject: str, detail: str, value: float | None, remedy: str) -> Check:
     return Check("branches disagree", subject, False, detail, value, CERTAIN, "nat", remedy)
 
 

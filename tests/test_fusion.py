@@ -287,10 +287,13 @@ def test_a_living_gauge_makes_positions_alarm_the_environments() -> None:
 
 
 def test_a_stuck_gauge_cannot_refute_and_a_missing_one_changes_nothing() -> None:
-    (event,), rows = fused([], [alarm()], with_gauges=known(raw=np.full(2000, WHOLE)))
-    assert (event.kind, event.subject) == ("line_lost", "line_1")
-    assert "does not move" in str(event.cannot_tell)
-    assert [(row.name, row.passed) for row in rows] == [("branches disagree", False)]
+    masked = known(defects=(Defect("stuck", ("tension_1",), 1100.0, 1500.0, 400.0, "s", "", True),))
+    masked.residuals.valid[1100:1500, 0] = False
+    for held in (known(raw=np.full(2000, WHOLE)), masked):
+        (event,), rows = fused([], [alarm()], with_gauges=held)
+        assert (event.kind, event.subject) == ("line_lost", "line_1")
+        assert "does not move" in str(event.cannot_tell)
+        assert [(row.name, row.passed) for row in rows] == [("branches disagree", False)]
     (event,), rows = fused([], [alarm("line_9")])
     assert replace(event, evidence={}) == replace(alarm("line_9"), evidence={})
     assert rows == ()
