@@ -30,6 +30,7 @@ from mooringdx.hypotheses.onset_glr import OnsetGlr
 from mooringdx.observers.kalman import Filter
 from mooringdx.observers.matrices import Model, Noise, plant_of
 from mooringdx.physics.frames import rotation
+from mooringdx.physics.mooring import Mooring
 from mooringdx.physics.rig import mooring_of
 from mooringdx.physics.vessel import VesselModel, load_vessel
 from mooringdx.pipeline import prepare
@@ -170,6 +171,75 @@ def test_every_hypothesis_is_what_explicit_matrices_and_quadrature_give() -> Non
     assert score[-1] == pytest.approx(np.log(worth[:, :8].sum() / rest), rel=1e-9)
     assert chance[-1, 1:9] == pytest.approx(worth[:, :8].sum(axis=0) / (rest + worth[:, :8].sum()), rel=1e-9)
     assert chance[QUICK.warm :].sum(axis=1) == pytest.approx(1.0, rel=1e-12)
+
+
+def twin(
+    models: tuple[Model, ...], place: Array, errors: Array, mooring: Mooring, settled: Odds, times: Beat
+) -> tuple[Array, Array]:
+    """Return scores and probabilities by whole matrices, an onset at a time, with every term of every sum."""
+    middle, lines = mooring.fairleads.mean(axis=0), len(mooring.names)
+    score, chance = np.empty(len(place)), np.empty((len(place), lines + 3))
+    change: dict[int, Array] = {}
+    sums: dict[int, list[tuple[Array, Array]]] = {}
+    pulls: dict[int, Array] = {}
+    for k, (heading, e) in enumerate(zip(place[:, 2], errors, strict=True)):
+        F, G, K, S = nearest(models, heading)
+        inverse, rho = np.linalg.inv(S), {k0: d[:3] + d[12:] for k0, d in change.items()}
+        if np.isfinite(e).all():
+            for k0 in rho:
+                for i, length in enumerate((0, *times.pulses)):
+                    r = rho[k0] - rho[k0 + length] if length and k0 + length in rho else rho[k0]
+                    z, lam = sums[k0][i]
+                    sums[k0][i] = z + r.T @ inverse @ e, lam + r.T @ inverse @ r
+                change[k0] = change[k0] - K @ rho[k0]
+        turn = rotation(heading)
+        worth = [[0.0], *([] for _ in range(lines + 2))]
+        group = turn[:2, :2] @ settled.group @ turn[:2, :2].T
+        for k0 in sums:
+            prior = np.log(4.0) if k - k0 > times.fine_end else 0.0
+            (z, lam), *groups = ((z / settled.temper, lam / settled.temper) for z, lam in sums[k0])
+            for j, h in enumerate(pulls[k0]):
+                axes = np.array([[h[0], -h[1]], [h[1], h[0]]])
+                cov = axes @ np.diag([settled.along**2, settled.across**2]) @ axes.T
+                free = marginal((z + lam @ h)[:2], lam[:2, :2], cov)
+                worth[1 + j].append(settled.line + prior - h @ z - 0.5 * h @ lam @ h + free)
+            worth[1 + lines].append(settled.environment + prior + marginal(z[:2], lam[:2, :2], settled.step))
+            worth[2 + lines] += [settled.pulse + prior + marginal(z[:2], lam[:2, :2], group) for z, lam in groups]
+        total = np.logaddexp.reduce([x for each in worth for x in each])
+        logs = np.array([np.logaddexp.reduce(each) if each else -np.inf for each in worth])
+        chance[k] = np.exp(logs - total)
+        rest = np.logaddexp.reduce(logs[[0, lines + 1, lines + 2]])
+        score[k] = np.logaddexp.reduce(logs[1 : lines + 1]) - rest
+        for k0 in list(change):
+            age = k + 1 - k0
+            if age > times.end or (age > times.fine_end and k0 % (4 * times.fine)):
+                del change[k0], sums[k0], pulls[k0]
+        if k >= times.warm and k % times.fine == 0:
+            change[k], sums[k] = np.zeros((15, 3)), [(np.zeros(3), np.zeros((3, 3)))] * 4
+            horizontal, _, along = mooring.pulls(place[k])
+            arms = (mooring.fairleads - middle) @ turn[:2, :2].T
+            moment = arms[:, 0] * along[:, 1] - arms[:, 1] * along[:, 0]
+            pulls[k] = horizontal[:, None] * np.column_stack([along, moment])
+        arm = turn[:2, :2] @ middle
+        forces = turn.T @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-arm[1], arm[0], 1.0]])
+        change = {k0: F @ d + G @ forces for k0, d in change.items()}
+    return score, chance
+
+
+def test_the_walk_equals_its_plain_numpy_twin_at_every_sample() -> None:
+    models, place, errors, _, score, chance, settled, (mooring, _, _) = walked(90)
+    wanted, shares = twin(models, place, errors, mooring, settled, QUICK)
+    began = QUICK.warm + 1
+    np.testing.assert_array_equal(np.isfinite(score[began:]), True)
+    np.testing.assert_allclose(score[began:], wanted[began:], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(chance[began:], shares[began:], rtol=1e-8, atol=1e-12)
+
+
+def test_more_onsets_than_slots_are_refused() -> None:
+    with pytest.raises(ValueError, match="80 at most"):
+        empty(replace(QUICK, end=1000), 8)
+    with pytest.raises(ValueError, match="multiple of 4"):
+        empty(replace(QUICK, pulses=(8, 10, 32)), 8)
 
 
 def test_a_force_that_a_noise_free_plant_feels_is_recovered() -> None:

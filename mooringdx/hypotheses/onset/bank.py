@@ -12,7 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mooringdx.hypotheses.onset.kernel import PULSES, Index, Odds, Rig, Slots, Tuned, in_earth, walk, weighed
+from mooringdx.hypotheses.onset.kernel import (
+    FREE,
+    OWN,
+    PULSES,
+    ROW,
+    WIDTH,
+    Index,
+    Odds,
+    Rig,
+    Slots,
+    Tuned,
+    in_earth,
+    walk,
+    weighed,
+)
 from mooringdx.observers.kalman import Estimate
 from mooringdx.observers.matrices import STATES, Model, Noise
 from mooringdx.physics.mooring import Mooring
@@ -57,7 +71,8 @@ class Trace:
 
     ``score``: (n,), NaN before the first; ``probability``: (n, lines + 3); ``alarm``: first sample at or over the
     level, -1 where none; ``named``: the last sample walked; ``when``: (s,), sample of each onset, -1 where
-    free; ``logs``: (s, lines + 4), `weighed` there; ``z``, ``lam``, ``pulls``: as in `Slots`.
+    free; ``logs``: (s, lines + 4), `weighed` there; ``z``: (s, 3) and ``lam``: (s, 3, 3), what each onset has gathered;
+    ``pulls``: (s, lines, 3), N, N, N m, of each line at the onset.
     """
 
     score: Array
@@ -105,23 +120,29 @@ def tuned(models: Sequence[Model]) -> Tuned:
         np.array([m.heading for m in models]),
         np.stack([m.F for m in models]),
         np.stack([m.G for m in models]),
-        np.stack([m.K for m in models]),
+        np.stack([m.F @ m.K for m in models]),
         np.stack([np.linalg.inv(m.S) for m in models]),
     )
 
 
-def empty(times: Beat, lines: int) -> Slots:
-    """Return slots without an onset."""
+def empty(times: Beat | Odds, lines: int) -> Slots:
+    """Return slots without an onset; raise ValueError where there are too few, or an onset outlives its pulse's end."""
     most = 2 + times.fine_end // times.fine + (times.end - times.fine_end) // (4 * times.fine) + 2
+    if most > WIDTH or any(int(length) % (4 * times.fine) for length in times.pulses):
+        raise ValueError(f"{most} onsets are kept and {WIDTH} at most; a wave group lasts a multiple of 4 spacings")
     return Slots(
-        np.full(most, -1, dtype=np.int64),
-        np.full((most, PULSES), -1, dtype=np.int64),
-        np.zeros((STATES, most, 3)),
-        np.zeros((most, 3)),
-        np.zeros((most, 3, 3)),
-        np.zeros((most, PULSES, 3, 3)),
-        np.zeros((most, lines, 3)),
+        np.full(WIDTH, -1, dtype=np.int64),
+        np.full((PULSES, WIDTH), -1, dtype=np.int64),
+        np.zeros(STATES * ROW),
+        np.zeros((OWN + PULSES * FREE) * WIDTH),
+        np.zeros(lines * ROW),
     )
+
+
+def evidence(slots: Slots) -> tuple[Array, Array]:
+    """Return z, (s, 3), and Lam, (s, 3, 3), of every slot."""
+    z0, z1, a, b, d, z2, c, e, f = slots.sums[: OWN * WIDTH].reshape(OWN, WIDTH)
+    return np.column_stack([z0, z1, z2]), np.stack([a, b, c, b, d, e, c, e, f], axis=1).reshape(WIDTH, 3, 3)
 
 
 def over(
@@ -156,7 +177,8 @@ def over(
     named = first - 1 if at >= 0 else n - 1
     logs = np.empty((slots.when.size, lines + 1 + PULSES))
     weighed(named, slots, odds, in_earth(odds.group, float(place[named, 2])), logs)
-    return Trace(score, probability, at, named, slots.when, logs, slots.z, slots.lam, slots.pulls)
+    pulls = slots.pulls.reshape(lines, 3, WIDTH).transpose(2, 0, 1)
+    return Trace(score, probability, at, named, slots.when, logs, *evidence(slots), pulls)
 
 
 def spread(estimate: Estimate, models: Sequence[Model], mooring: Mooring, odds: Odds, times: Beat) -> float:
@@ -176,7 +198,8 @@ def spread(estimate: Estimate, models: Sequence[Model], mooring: Mooring, odds: 
     for first in range(0, n - times.confirm, times.confirm):
         walk(first, first + times.confirm, np.inf, *rest)
         old = (slots.when >= 0) & (first + times.confirm - slots.when > times.pulses[0])
-        for z, lam in zip(slots.z[old, :2], slots.lam[old, :2, :2], strict=True):
+        each, information = evidence(slots)
+        for z, lam in zip(each[old, :2], information[old, :2, :2], strict=True):
             values.append(0.5 * float(z @ np.linalg.solve(lam, z)))
     return float(np.mean(values)) if values else np.nan
 

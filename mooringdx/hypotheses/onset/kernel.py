@@ -4,8 +4,7 @@ For a unit force m (north, east at the middle of the fairleads, and a unit momen
 the filter's state per unit force, e the innovation of the filter that knows of no force:
 
     rho = C d,   z += rho' S^-1 e,   Lam += rho' S^-1 rho,   d <- F (I - K C) d + G,   d(k0) = 0
-    pulse of n samples:  z_p = z(k0) - z(k0 + n),   Lam_p = Lam(k0) + Lam(k0 + n) - X - X',
-                         X += rho(k0)' S^-1 rho(k0 + n)
+    pulse of n samples:  the same sums with rho(k0) - rho(k0 + n) in place of rho
 
 so that a force f from k0 on has the log likelihood ratio f'z - f'Lam f/2 against none. With z and Lam divided by the
 temper first and h_j the (north, east, moment) that line j gives:
@@ -16,6 +15,10 @@ temper first and h_j the (north, east, moment) that line j gives:
 V_j has sd ``along`` and ``across`` the line, because the other lines give way a little differently than the filter's
 model does [Basseville1993, ch. 7, for an onset and a size that are not known]. Each onset carries its own d, so that
 gaps and a turning vessel are followed as the filter follows them. What it cannot see: an onset before the oldest kept.
+
+Speed: all onsets are taken at once, a row of slots for each number, and F by its blocks (bias forces stay, wave states
+move in pairs, so that 6 x 9 of 15 x 15 are left). It stands in one file because numba's cache of a loop does not notice
+an edit of another file whose functions it took in.
 """
 
 from __future__ import annotations
@@ -26,27 +29,31 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mooringdx.observers.kalman import HEADING_STEP, turn_states
+from mooringdx.observers.kalman import HEADING_STEP
 from mooringdx.physics.mooring import lookup
 from mooringdx.types import Array
 
 Index = NDArray[np.int64]
 PULSES = 3
-NOTHING = -np.inf
+NOTHING, LOG4 = -np.inf, float(np.log(4.0))
+WIDTH, ROW = 80, 240
+"""Slots there is room for, and a row of one for each of three unit forces."""
+FREE, OWN = 5, 9
+"""Sums of a free force, and of an onset."""
 
 
 class Slots(NamedTuple):
-    """What is kept of each onset. ``when``: (s,), sample, -1 where free; ``after``: (s, 3), the slot of the onset one
-    pulse later, -1 where none; ``d``: (15, s, 3); ``z``: (s, 3); ``lam``: (s, 3, 3); ``cross``: (s, 3, 3, 3), X of
-    each pulse; ``pulls``: (s, lines, 3), N, N, N m, of each line at the onset.
+    """What is kept of each onset, flat rows of ``WIDTH`` slots each, so that their distances are known when compiling.
+
+    ``when``: (WIDTH,), sample, -1 where free; ``after``: (3, WIDTH), the slot of the onset one pulse later, -1 where
+    none; ``d``: 15 states x 3 unit forces; ``sums``: 24 rows, z0, z1, Lam00, Lam01, Lam11, z2, Lam02, Lam12, Lam22 of
+    the onset, then the first five of each pulse; ``pulls``: lines x 3, N, N, N m, of each line at the onset.
     """
 
     when: Index
     after: Index
     d: Array
-    z: Array
-    lam: Array
-    cross: Array
+    sums: Array
     pulls: Array
 
 
@@ -83,51 +90,79 @@ class Rig(NamedTuple):
 
 
 class Tuned(NamedTuple):
-    """The filter's matrices at headings 3 deg apart, stacked; ``inverse``: of the innovations' covariance."""
+    """The filter's matrices at headings 3 deg apart, stacked; ``FK``: F times the gain; ``inverse``: of the
+    innovations' covariance.
+    """
 
     headings: Array
     F: Array
     G: Array
-    K: Array
+    FK: Array
     inverse: Array
 
 
-@njit(cache=True)
-def free_force(z0: float, z1: float, lam: Array, temper: float, c00: float, c01: float, c11: float) -> float:
-    """Return the log likelihood ratio of a free horizontal force of covariance (c00, c01; c01, c11), N^2.
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def free_force(
+    y0: float, y1: float, b00: float, b01: float, b11: float, c00: float, c01: float, c11: float
+) -> tuple[float, float]:
+    """Return the exponent and the determinant of a free horizontal force of covariance (c00, c01; c01, c11), N^2.
 
-    ``z0``, ``z1``: north and east of z; ``lam``: (3, 3).
+    Its log likelihood ratio is exponent - ln(determinant)/2. ``y0``, ``y1``: north and east of z; ``b00``, ``b01``,
+    ``b11``: of Lam; both over the temper.
     """
-    b00, b01, b11 = lam[0, 0] / temper, lam[0, 1] / temper, lam[1, 1] / temper
-    y0, y1 = z0 / temper, z1 / temper
     m00, m01 = 1.0 + c00 * b00 + c01 * b01, c00 * b01 + c01 * b11
     m10, m11 = c01 * b00 + c11 * b01, 1.0 + c01 * b01 + c11 * b11
     det = m00 * m11 - m01 * m10
     p0, p1 = c00 * y0 + c01 * y1, c01 * y0 + c11 * y1
     fit = y0 * (m11 * p0 - m01 * p1) + y1 * (m00 * p1 - m10 * p0)
-    out: float = 0.5 * fit / det - 0.5 * np.log(det)
-    return out
+    return 0.5 * fit / det, det
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def left_over(north: float, east: float, along: float, across: float) -> tuple[float, float, float]:
+    """Return the covariance (c00, c01, c11), N^2, of the horizontal force that a lost pull (north, east) leaves."""
+    a, b = along * along, across * across
+    return a * north * north + b * east * east, (a - b) * north * east, a * east * east + b * north * north
 
 
 @njit(cache=True)
 def doubt(pull: Array, along: float, across: float) -> tuple[float, float, float]:
     """Return the covariance (c00, c01, c11), N^2, of the horizontal force that a lost ``pull``, (3,), leaves."""
-    a, b = along**2, across**2
-    n, e = pull[0], pull[1]
-    return a * n * n + b * e * e, (a - b) * n * e, a * e * e + b * n * n
-
-
-@njit(cache=True)
-def line_lost(z: Array, lam: Array, pull: Array, temper: float, along: float, across: float) -> float:
-    """Return the log likelihood ratio of a line whose ``pull``, (3,), is lost."""
-    l0 = lam[0, 0] * pull[0] + lam[0, 1] * pull[1] + lam[0, 2] * pull[2]
-    l1 = lam[1, 0] * pull[0] + lam[1, 1] * pull[1] + lam[1, 2] * pull[2]
-    l2 = lam[2, 0] * pull[0] + lam[2, 1] * pull[1] + lam[2, 2] * pull[2]
-    s = -(pull[0] * z[0] + pull[1] * z[1] + pull[2] * z[2])
-    q = pull[0] * l0 + pull[1] * l1 + pull[2] * l2
-    c00, c01, c11 = doubt(pull, along, across)
-    out: float = (s - 0.5 * q) / temper + free_force(z[0] + l0, z[1] + l1, lam, temper, c00, c01, c11)
+    out: tuple[float, float, float] = left_over(pull[0], pull[1], along, across)
     return out
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def weigh_line(j: int, slots: Slots, odds: Odds, out: Array) -> None:
+    """Fill ``out``, two rows, with the exponent and the determinant of line ``j`` lost at each onset."""
+    x, h, row = slots.sums, slots.pulls, 3 * WIDTH * j
+    cool, along, across = 1.0 / odds.temper, odds.along, odds.across
+    for s in range(WIDTH):
+        n, e, m = h[row + s], h[row + WIDTH + s], h[row + 2 * WIDTH + s]
+        b00, b01, b11 = cool * x[2 * WIDTH + s], cool * x[3 * WIDTH + s], cool * x[4 * WIDTH + s]
+        b02, b12, b22 = cool * x[6 * WIDTH + s], cool * x[7 * WIDTH + s], cool * x[8 * WIDTH + s]
+        y0, y1, y2 = cool * x[s], cool * x[WIDTH + s], cool * x[5 * WIDTH + s]
+        l0, l1, l2 = b00 * n + b01 * e + b02 * m, b01 * n + b11 * e + b12 * m, b02 * n + b12 * e + b22 * m
+        c00, c01, c11 = left_over(n, e, along, across)
+        fit, det = free_force(y0 + l0, y1 + l1, b00, b01, b11, c00, c01, c11)
+        out[s] = fit - n * (y0 + 0.5 * l0) - e * (y1 + 0.5 * l1) - m * (y2 + 0.5 * l2)
+        out[WIDTH + s] = det
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def weigh_free(row: int, cov: Array, slots: Slots, odds: Odds, out: Array) -> None:
+    """Fill ``out``, two rows, with exponents and determinants of a free force with the sums from ``row`` on.
+
+    ``cov``: (2, 2), N^2, of the force, earth axes.
+    """
+    x, at, cool = slots.sums, WIDTH * row, 1.0 / odds.temper
+    c00, c01, c11 = cov[0, 0], cov[0, 1], cov[1, 1]
+    for s in range(WIDTH):
+        y0, y1 = cool * x[at + s], cool * x[at + WIDTH + s]
+        b00, b01, b11 = cool * x[at + 2 * WIDTH + s], cool * x[at + 3 * WIDTH + s], cool * x[at + 4 * WIDTH + s]
+        fit, det = free_force(y0, y1, b00, b01, b11, c00, c01, c11)
+        out[s] = fit
+        out[WIDTH + s] = det
 
 
 @njit(cache=True)
@@ -142,37 +177,60 @@ def in_earth(cov: Array, heading: float) -> Array:
 
 
 @njit(cache=True)
+def standing(k: int, when: Index, odds: Odds, out: Array) -> None:
+    """Fill ``out``, (WIDTH,), with the log of the fine spacings that each onset stands for at sample k."""
+    for s in range(WIDTH):
+        age = k - when[s]
+        out[s] = NOTHING if when[s] < 0 or age < 1 else (LOG4 if age > odds.fine_end else 0.0)
+
+
+@njit(cache=True)
+def weigh(j: int, slots: Slots, odds: Odds, group: Array, out: Array) -> float:
+    """Fill ``out``, two rows, as of column ``j`` of `weighed`, and return the log of its prior."""
+    lines = slots.pulls.size // (3 * WIDTH)
+    if j < lines:
+        weigh_line(j, slots, odds, out)
+        return odds.line
+    if j == lines:
+        weigh_free(0, odds.step, slots, odds, out)
+        return odds.environment
+    weigh_free(OWN + FREE * (j - lines - 1), group, slots, odds, out)
+    return odds.pulse
+
+
+@njit(cache=True)
 def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
     """Fill ``out``, (s, lines + 4), with prior times likelihood ratio, in logs, at sample k.
 
-        ``group``: (2, 2), N^2, covariance of a wave group's force, earth axes.
-    Columns: lines, step of the environment, pulses.
+    ``group``: (2, 2), N^2, covariance of a wave group's force, earth axes. Columns: lines, step of the environment,
+    pulses.
     """
-    lines = slots.pulls.shape[1]
-    out[:] = NOTHING
-    lam = np.zeros((3, 3))
-    for s in range(slots.when.size):
-        age = k - slots.when[s]
-        if slots.when[s] < 0 or age < 1:
-            continue
-        wide = np.log(4.0) if age > odds.fine_end else 0.0
-        for j in range(lines):
-            worth = line_lost(slots.z[s], slots.lam[s], slots.pulls[s, j], odds.temper, odds.along, odds.across)
-            out[s, j] = odds.line + wide + worth
-        z0, z1, c = slots.z[s, 0], slots.z[s, 1], odds.step
-        worth = free_force(z0, z1, slots.lam[s], odds.temper, c[0, 0], c[0, 1], c[1, 1])
-        out[s, lines] = odds.environment + wide + worth
-        step = free_force(z0, z1, slots.lam[s], odds.temper, group[0, 0], group[0, 1], group[1, 1])
-        for i in range(PULSES):
-            later, worth = slots.after[s, i], step
-            if later >= 0:
-                for a in range(2):
-                    for b in range(2):
-                        lam[a, b] = slots.lam[s, a, b] + slots.lam[later, a, b]
-                        lam[a, b] -= slots.cross[s, i, a, b] + slots.cross[s, i, b, a]
-                d0, d1 = z0 - slots.z[later, 0], z1 - slots.z[later, 1]
-                worth = free_force(d0, d1, lam, odds.temper, group[0, 0], group[0, 1], group[1, 1])
-            out[s, lines + 1 + i] = odds.pulse + wide + worth
+    spacings, worth = np.empty(WIDTH), np.empty(2 * WIDTH)
+    standing(k, slots.when, odds, spacings)
+    for j in range(out.shape[1]):
+        prior = weigh(j, slots, odds, group, worth)
+        for s in range(WIDTH):
+            out[s, j] = prior + spacings[s] + worth[s] - 0.5 * np.log(worth[WIDTH + s])
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nnan", "nsz", "reassoc"})
+def heaped(worth: Array, spacings: Array) -> float:
+    """Return ln sum of spacings times e^exponent / sqrt(determinant), minus infinity where there is none.
+
+    One exponential a term that matters: what is 60 nats below the largest exponent adds less than 1e-24 of the sum.
+    """
+    top = NOTHING
+    for s in range(WIDTH):
+        top = max(top, worth[s] + spacings[s])
+    if top == NOTHING:
+        return NOTHING
+    total = 0.0
+    for s in range(WIDTH):
+        less = worth[s] + spacings[s] - top
+        if less > -60.0:
+            total += np.exp(less) / np.sqrt(worth[WIDTH + s])
+    out: float = top + np.log(total)
+    return out
 
 
 @njit(cache=True)
@@ -191,87 +249,170 @@ def summed(logs: Array) -> float:
 
 
 @njit(cache=True)
-def together(logs: Array, score_row: Array) -> float:
-    """Return the score of one sample and fill ``score_row``, (lines + 3,), with the probabilities.
+def shared(row: Array, chance: Array) -> float:
+    """Return the score and fill ``chance``, (lines + 3,), with the probabilities.
 
-    Order: no fault, lines, step of the environment, pulse. ``logs``: as `weighed` gives them.
+    ``row``: (lines + 4,), logs: lines, step of the environment, pulses; in ``chance``: no fault, lines, step, pulse.
     """
-    lines = logs.shape[1] - 1 - PULSES
-    row = np.zeros(lines + 3)
-    for j in range(lines + 1):
-        row[1 + j] = summed(logs[:, j])
-    row[lines + 2] = summed(logs[:, lines + 1 :])
-    total = summed(row)
-    for j in range(row.size):
-        score_row[j] = np.exp(row[j] - total)
-    lost = summed(row[1 : 1 + lines])
-    rest = np.zeros(3)
-    rest[1:] = row[lines + 1 :]
+    lines = row.size - 1 - PULSES
+    rest, lost = np.zeros(3), summed(row[:lines])
+    rest[1], rest[2] = row[lines], summed(row[lines + 1 :])
+    chance[0], chance[lines + 1], chance[lines + 2] = rest[0], rest[1], rest[2]
+    for j in range(lines):
+        chance[1 + j] = row[j]
+    total = summed(chance)
+    for j in range(chance.size):
+        chance[j] = np.exp(chance[j] - total)
     out: float = lost - summed(rest)
     return out
 
 
 @njit(cache=True)
+def together(logs: Array, score_row: Array) -> float:
+    """Return the score of one sample and fill ``score_row``, (lines + 3,), with the probabilities.
+
+    Order: no fault, lines, step of the environment, pulse. ``logs``: as `weighed` gives them.
+    """
+    row = np.empty(logs.shape[1])
+    for j in range(row.size):
+        row[j] = summed(logs[:, j])
+    return shared(row, score_row)
+
+
+@njit(cache=True)
+def turn_two(a: Array, i: int, j: int, c: float, s: float) -> None:
+    """Turn the entries ``j`` and ``j`` + 1 of row ``i``, north and east, in place."""
+    a[i, j], a[i, j + 1] = c * a[i, j] - s * a[i, j + 1], s * a[i, j] + c * a[i, j + 1]
+
+
+@njit(cache=True)
 def turned(heading: float, tuned: Tuned, middle: Array) -> tuple[Array, Array, Array, Array]:
-    """Return F, the effect of unit forces at the fairleads' ``middle``, (2,) body, K and S^-1 in earth axes."""
+    """Return F, the effect of unit forces at the fairleads' ``middle``, (2,) body, F K and S^-1 in earth axes.
+
+    F: (6, 9) and G: (6, 3) of the slow motion; the rest of F is the same at every heading.
+    """
     at = min(max(int(np.round((heading - tuned.headings[0]) / HEADING_STEP)), 0), tuned.headings.size - 1)
     rest = heading - tuned.headings[at]
     c, s = np.cos(rest), np.sin(rest)
     cp, sp = np.cos(heading), np.sin(heading)
-    F, G, K = tuned.F[at].copy(), np.empty((15, 3)), np.empty((15, 3))
-    for i in range(15):
-        turn_states(F[i], c, s)
-    for j in range(15):
-        turn_states(F[:, j], c, s)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     north, east = cp * middle[0] - sp * middle[1], sp * middle[0] + cp * middle[1]
-    body = np.array([[cp, sp, 0.0], [-sp, cp, 0.0], [-east, north, 1.0]])
-    G[:], K[:] = tuned.G[at] @ body, tuned.K[at] @ np.ascontiguousarray(turn.T)
-    for j in range(3):
-        turn_states(G[:, j], c, s)
-        turn_states(K[:, j], c, s)
-    return F, G, K, turn @ tuned.inverse[at] @ np.ascontiguousarray(turn.T)
-
-
-@njit(cache=True)
-def _add_product(out: Array, a: Array, s: int, b: Array, t: int) -> None:
-    """Add a'b to ``out``, (3, 3), of slots ``s`` and ``t`` of two (3, slots, 3)."""
+    F, G, FK, inverse = np.empty((6, 9)), np.empty((6, 3)), tuned.FK[at].copy(), tuned.inverse[at].copy()
+    for i in range(6):
+        for j in range(9):
+            F[i, j] = tuned.F[at, i, j]
+        turn_two(F, i, 0, c, s)
+        turn_two(F, i, 6, c, s)
+        surge, sway, yaw = tuned.G[at, i, 0], tuned.G[at, i, 1], tuned.G[at, i, 2]
+        G[i, 0], G[i, 1], G[i, 2] = cp * surge - sp * sway - east * yaw, sp * surge + cp * sway + north * yaw, yaw
+    for i in range(15):
+        turn_two(FK, i, 0, c, s)
     for i in range(3):
-        for j in range(3):
-            out[i, j] += a[0, s, i] * b[0, t, j] + a[1, s, i] * b[1, t, j] + a[2, s, i] * b[2, t, j]
+        turn_two(inverse, i, 0, c, s)
+    for j in range(9):
+        F[0, j], F[1, j] = c * F[0, j] - s * F[1, j], s * F[0, j] + c * F[1, j]
+    for j in range(3):
+        G[0, j], G[1, j] = c * G[0, j] - s * G[1, j], s * G[0, j] + c * G[1, j]
+        inverse[0, j], inverse[1, j] = c * inverse[0, j] - s * inverse[1, j], s * inverse[0, j] + c * inverse[1, j]
+        for i in (0, 6, 9, 12):
+            FK[i, j], FK[i + 1, j] = c * FK[i, j] - s * FK[i + 1, j], s * FK[i, j] + c * FK[i + 1, j]
+    return F, G, FK, inverse
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def seen(d: Array, inverse: Array, rho: Array) -> None:
+    """Fill ``rho``, six rows of 3 WIDTH, with rho and S^-1 rho of every onset."""
+    a, b, c = inverse[0, 0], inverse[0, 1], inverse[0, 2]
+    e, f, g = inverse[1, 1], inverse[1, 2], inverse[2, 2]
+    for s in range(ROW):
+        x, y, z = d[s] + d[12 * ROW + s], d[ROW + s] + d[13 * ROW + s], d[2 * ROW + s] + d[14 * ROW + s]
+        rho[s], rho[ROW + s], rho[2 * ROW + s] = x, y, z
+        rho[3 * ROW + s], rho[4 * ROW + s] = a * x + b * y + c * z, b * x + e * y + f * z
+        rho[5 * ROW + s] = c * x + f * y + g * z
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def add_free(out: Array, row: int, rho: Array, x: float, y: float, z: float) -> None:
+    """Add rho' S^-1 (x, y, z) and rho' S^-1 rho of north and east to five rows of ``out`` from ``row`` on."""
+    at = WIDTH * row
+    for s in range(WIDTH):
+        a, b, c = rho[s], rho[ROW + s], rho[2 * ROW + s]
+        d, e, f = rho[WIDTH + s], rho[ROW + WIDTH + s], rho[2 * ROW + WIDTH + s]
+        p, q, r = rho[3 * ROW + s], rho[4 * ROW + s], rho[5 * ROW + s]
+        u, v, w = rho[3 * ROW + WIDTH + s], rho[4 * ROW + WIDTH + s], rho[5 * ROW + WIDTH + s]
+        out[at + s] += x * p + y * q + z * r
+        out[at + WIDTH + s] += x * u + y * v + z * w
+        out[at + 2 * WIDTH + s] += a * p + b * q + c * r
+        out[at + 3 * WIDTH + s] += d * p + e * q + f * r
+        out[at + 4 * WIDTH + s] += d * u + e * v + f * w
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def add_moment(out: Array, rho: Array, x: float, y: float, z: float) -> None:
+    """Add what the unit moment is in, to the four rows that follow those of `add_free`."""
+    for s in range(WIDTH):
+        at = 2 * WIDTH + s
+        p, q, r = rho[3 * ROW + at], rho[4 * ROW + at], rho[5 * ROW + at]
+        out[5 * WIDTH + s] += x * p + y * q + z * r
+        out[6 * WIDTH + s] += rho[s] * p + rho[ROW + s] * q + rho[2 * ROW + s] * r
+        out[7 * WIDTH + s] += rho[WIDTH + s] * p + rho[ROW + WIDTH + s] * q + rho[2 * ROW + WIDTH + s] * r
+        out[8 * WIDTH + s] += rho[at] * p + rho[ROW + at] * q + rho[2 * ROW + at] * r
 
 
 @njit(cache=True)
-def gathered(error: Array, K: Array, inverse: Array, slots: Slots) -> None:
-    """Take one innovation, (3,), into every onset, and update what it has changed of the filter's state."""
-    count = slots.when.size
-    flat = slots.d.reshape(15, 3 * count)
-    moved = flat[:3] + flat[12:]
-    flat -= K @ moved
-    rho, heavy = moved.reshape(3, count, 3), (inverse @ moved).reshape(3, count, 3)
-    for s in range(count):
-        if slots.when[s] < 0:
-            continue
+def ended(after: Index, p: int, rho: Array, out: Array) -> None:
+    """Fill ``out`` with the north and east columns of ``rho``, those of the onset that ends pulse ``p`` taken off."""
+    for s in range(out.size):
+        out[s] = rho[s]
+    for s in range(WIDTH):
+        later = after[p, s]
+        if later >= 0:
+            for m in range(6):
+                out[m * ROW + s] -= rho[m * ROW + later]
+                out[m * ROW + WIDTH + s] -= rho[m * ROW + WIDTH + later]
+
+
+@njit(cache=True)
+def gathered(error: Array, rho: Array, pulse: Array, slots: Slots) -> None:
+    """Take one innovation, (3,), into every onset and pulse. ``rho``: of `seen`; ``pulse``: scratch like it."""
+    x, y, z = error[0], error[1], error[2]
+    add_free(slots.sums, 0, rho, x, y, z)
+    add_moment(slots.sums, rho, x, y, z)
+    for p in range(PULSES):
+        ended(slots.after, p, rho, pulse)
+        add_free(slots.sums, OWN + FREE * p, pulse, x, y, z)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def carried(F: Array, G: Array, FK: Array, whole: Array, rho: Array, d: Array, new: Array) -> None:
+    """Carry what every onset has changed of the filter's state to the next sample, a unit force acting on.
+
+    ``F``, ``G``, ``FK``: of `turned`, ``FK`` zero where nothing was measured; ``whole``: F of the models, whose wave
+    blocks are the same at every heading; ``new``: scratch, six rows of 3 WIDTH.
+    """
+    for r in range(6):
+        a0, a1, a2, a3, a4 = F[r, 0], F[r, 1], F[r, 2], F[r, 3], F[r, 4]
+        a5, a6, a7, a8 = F[r, 5], F[r, 6], F[r, 7], F[r, 8]
+        x, y, z, at = FK[r, 0], FK[r, 1], FK[r, 2], r * ROW
+        for s in range(ROW):
+            slow = a0 * d[s] + a1 * d[ROW + s] + a2 * d[2 * ROW + s] + a3 * d[3 * ROW + s] + a4 * d[4 * ROW + s]
+            slow += a5 * d[5 * ROW + s] + a6 * d[6 * ROW + s] + a7 * d[7 * ROW + s] + a8 * d[8 * ROW + s]
+            new[at + s] = slow - x * rho[s] - y * rho[ROW + s] - z * rho[2 * ROW + s]
+    for r in range(6):
         for i in range(3):
-            for m in range(3):
-                slots.z[s, i] += heavy[m, s, i] * error[m]
-        _add_product(slots.lam[s], rho, s, heavy, s)
-        for i in range(PULSES):
-            later = slots.after[s, i]
-            if later >= 0:
-                _add_product(slots.cross[s, i], rho, s, heavy, later)
-
-
-@njit(cache=True)
-def carried(F: Array, G: Array, slots: Slots) -> None:
-    """Carry what every onset has changed of the filter's state to the next sample, a unit force acting on."""
-    count = slots.when.size
-    slots.d[:] = (F @ slots.d.reshape(15, 3 * count)).reshape(15, count, 3)
-    for s in range(count):
-        if slots.when[s] >= 0:
-            for i in range(15):
-                for j in range(3):
-                    slots.d[i, s, j] += G[i, j]
+            g, at = G[r, i], r * ROW + i * WIDTH
+            for s in range(WIDTH):
+                d[at + s] = new[at + s] + g
+    a, b, p, q = whole[0, 9, 9], whole[0, 9, 12], whole[0, 12, 9], whole[0, 12, 12]
+    for m in range(3):
+        x, y, z, at = FK[6 + m, 0], FK[6 + m, 1], FK[6 + m, 2], (6 + m) * ROW
+        for s in range(ROW):
+            d[at + s] -= x * rho[s] + y * rho[ROW + s] + z * rho[2 * ROW + s]
+        x, y, z, at = FK[9 + m, 0], FK[9 + m, 1], FK[9 + m, 2], (9 + m) * ROW
+        u, v, w = FK[12 + m, 0], FK[12 + m, 1], FK[12 + m, 2]
+        for s in range(ROW):
+            low, high = d[at + s], d[at + 3 * ROW + s]
+            d[at + s] = a * low + b * high - x * rho[s] - y * rho[ROW + s] - z * rho[2 * ROW + s]
+            d[at + 3 * ROW + s] = p * low + q * high - u * rho[s] - v * rho[ROW + s] - w * rho[2 * ROW + s]
 
 
 @njit(cache=True)
@@ -292,37 +433,57 @@ def line_pulls(place: Array, rig: Rig, middle: Array) -> Array:
 
 
 @njit(cache=True)
-def aged(k: int, slots: Slots, odds: Odds) -> None:
-    """Drop the onsets that sample k + 1 no longer asks for, and what points at them."""
-    for s in range(slots.when.size):
-        age = k + 1 - slots.when[s]
-        thin = age > odds.fine_end and slots.when[s] % (4 * odds.fine) != 0
-        if slots.when[s] >= 0 and (thin or age > odds.end):
-            slots.when[s] = -1
-            for t in range(slots.when.size):
-                for i in range(PULSES):
-                    if slots.after[t, i] == s:
-                        slots.after[t, i] = -1
+def finite(row: Array) -> bool:
+    """Return whether all of (3,) are finite."""
+    return bool(np.isfinite(row[0]) and np.isfinite(row[1]) and np.isfinite(row[2]))
 
 
 @njit(cache=True)
-def born(k: int, pulls: Array, slots: Slots, odds: Odds) -> int:
-    """Begin an onset at sample k in a free slot, tied to those that it ends a pulse of; return the slot."""
+def stepped(error: Array, heading: float, tuned: Tuned, middle: Array, slots: Slots, scratch: Array) -> Array:
+    """Take one innovation, (3,), NaN where none was, into every onset, carry it to the next sample, and return G.
+
+    ``scratch``: (2, 6 ROW); G: (6, 3), what unit forces do to the state in a sample, for `born`.
+    """
+    F, G, FK, inverse = turned(heading, tuned, middle)
+    seen(slots.d, inverse, scratch[0])
+    if finite(error):
+        gathered(error, scratch[0], scratch[1], slots)
+    else:
+        FK *= 0.0
+    carried(F, G, FK, tuned.F, scratch[0], slots.d, scratch[1])
+    return G
+
+
+@njit(cache=True)
+def aged(k: int, slots: Slots, odds: Odds) -> None:
+    """Drop the onsets that sample k + 1 no longer asks for; one that ends a pulse goes no sooner than the pulse."""
+    for s in range(WIDTH):
+        age = k + 1 - slots.when[s]
+        if age > odds.end or (age > odds.fine_end and slots.when[s] % (4 * odds.fine) != 0):
+            slots.when[s] = -1
+
+
+@njit(cache=True)
+def born(k: int, pulls: Array, G: Array, slots: Slots, odds: Odds) -> None:
+    """Begin an onset at sample k in a free slot, tied to those that it ends a pulse of.
+
+    ``G``: (6, 3), what unit forces have done to the state by the next sample.
+    """
     free = 0
     while slots.when[free] >= 0:
         free += 1
     slots.when[free] = k
-    slots.after[free] = -1
-    slots.d[:, free] = 0.0
-    slots.z[free] = 0.0
-    slots.lam[free] = 0.0
-    slots.cross[free] = 0.0
-    slots.pulls[free] = pulls
-    for s in range(slots.when.size):
-        for i in range(PULSES):
+    for i in range(45):
+        slots.d[i * WIDTH + free] = G[i // 3, i % 3] if i < 18 else 0.0
+    for i in range(OWN + PULSES * FREE):
+        slots.sums[i * WIDTH + free] = 0.0
+    for i in range(3 * len(pulls)):
+        slots.pulls[i * WIDTH + free] = pulls[i // 3, i % 3]
+    for i in range(PULSES):
+        slots.after[i, free] = -1
+        for s in range(WIDTH):
             if slots.when[s] >= 0 and slots.when[s] + odds.pulses[i] == k:
-                slots.after[s, i] = free
-    return free
+                slots.after[i, s] = free
 
 
 @njit(cache=True)
@@ -335,19 +496,20 @@ def walk(
     ``quiet``: no onset begins before this sample. ``innovation``, ``place``: (n, 3). Fills ``score``, (n,), and
     ``probability``, (n, lines + 3), and carries ``slots`` on.
     """
-    logs = np.empty((slots.when.size, len(rig.anchors) + 1 + PULSES))
+    scratch, spacings, worth = np.empty((2, 6 * ROW)), np.empty(WIDTH), np.empty(2 * WIDTH)
+    row = np.empty(len(rig.anchors) + 1 + PULSES)
     for k in range(first, last):
-        if not np.isfinite(place[k]).all():
+        if not finite(place[k]):
             continue
-        F, G, K, inverse = turned(place[k, 2], tuned, middle)
-        if np.isfinite(innovation[k]).all():
-            gathered(innovation[k], K, inverse, slots)
-        weighed(k, slots, odds, in_earth(odds.group, place[k, 2]), logs)
-        score[k] = together(logs, probability[k])
+        G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
+        standing(k, slots.when, odds, spacings)
+        group = in_earth(odds.group, place[k, 2])
+        for j in range(row.size):
+            row[j] = weigh(j, slots, odds, group, worth) + heaped(worth, spacings)
+        score[k] = shared(row, probability[k])
         aged(k, slots, odds)
         if k >= quiet and k % odds.fine == 0:
-            born(k, line_pulls(place[k], rig, middle), slots, odds)
-        carried(F, G, slots)
+            born(k, line_pulls(place[k], rig, middle), G, slots, odds)
         if score[k] >= stop:
             return k
     return last

@@ -21,24 +21,24 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
-from mooringdx.hypotheses.onset.bank import Beat, tuned
+from mooringdx.hypotheses.onset.bank import Beat, empty, tuned
 from mooringdx.hypotheses.onset.kernel import (
-    PULSES,
+    ROW,
+    WIDTH,
     Index,
     Odds,
     Rig,
     Slots,
     Tuned,
     born,
-    carried,
-    gathered,
-    line_lost,
+    finite,
     line_pulls,
+    stepped,
     summed,
-    turned,
+    weigh_line,
 )
 from mooringdx.observers.kalman import Estimate
-from mooringdx.observers.matrices import STATES, Model
+from mooringdx.observers.matrices import Model
 from mooringdx.physics.mooring import Mooring
 from mooringdx.types import Array
 
@@ -137,21 +137,9 @@ def ratio(sight: Sight, line: str, onsets: Index, last: int, odds: Odds) -> Arra
     _followed(
         onsets, last, sight.estimate.innovation, sight.estimate.position, tuned(sight.models), rig,
         sight.mooring.fairleads.mean(axis=0), sight.mooring.names.index(line), odds,
-        _slots(len(onsets), len(sight.mooring.names)), out,
+        empty(odds, len(sight.mooring.names)), out,
     )  # fmt: skip
     return out
-
-
-def _slots(count: int, lines: int) -> Slots:
-    return Slots(
-        np.full(count, -1, dtype=np.int64),
-        np.full((count, PULSES), -1, dtype=np.int64),
-        np.zeros((STATES, count, 3)),
-        np.zeros((count, 3)),
-        np.zeros((count, 3, 3)),
-        np.zeros((count, PULSES, 3, 3)),
-        np.zeros((count, lines, 3)),
-    )
 
 
 @njit(cache=True)
@@ -161,23 +149,20 @@ def _followed(
 ) -> None:  # fmt: skip
     """Fill ``out`` with L from the first of ``onsets`` on."""
     first, begun = onsets[0], 0
-    logs = np.zeros(onsets.size)
+    logs, worth, scratch = np.zeros(onsets.size), np.empty(2 * WIDTH), np.empty((2, 6 * ROW))
     for k in range(first, last):
         if k > first:
             out[k - first] = out[k - first - 1]
-        if not np.isfinite(place[k]).all():
+        if not finite(place[k]):
             continue
-        F, G, K, inverse = turned(place[k, 2], tuned, middle)
-        if np.isfinite(innovation[k]).all():
-            gathered(innovation[k], K, inverse, slots)
+        G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
+        weigh_line(line, slots, odds, worth)
         for s in range(begun):
-            worth = line_lost(slots.z[s], slots.lam[s], slots.pulls[s, line], odds.temper, odds.along, odds.across)
-            logs[s] = worth
+            logs[s] = worth[s] - 0.5 * np.log(worth[WIDTH + s])
         out[k - first] = summed(logs) - np.log(onsets.size)
         while begun < onsets.size and onsets[begun] <= k:
-            born(k, line_pulls(place[k], rig, middle), slots, odds)
+            born(k, line_pulls(place[k], rig, middle), G, slots, odds)
             begun += 1
-        carried(F, G, slots)
 
 
 def summary(heard: Heard) -> dict[str, object]:
