@@ -10,17 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mooringdx.assess import run_plan
-from mooringdx.assess.simulated import Cell, Expect, Walked, load, make, merged, rotated, seeds_of, weather_seed
-from mooringdx.assess.simulated_score import Answer, answers, cause_words, named, share_at
-from mooringdx.assess.simulated_tables import (
-    calibration,
-    confusion,
-    fault_numbers,
-    healthy_numbers,
-    quantile,
-    trap_numbers,
+from mooringdx.assess import run_plan, simulated_bank
+from mooringdx.assess.simulated import Walked, make, seen
+from mooringdx.assess.simulated_figures import quantile
+from mooringdx.assess.simulated_plan import (
+    Cell,
+    Expect,
+    drawn,
+    load,
+    merged,
+    nested,
+    rotated,
+    round_vessel,
+    seeds_of,
+    weather_seed,
 )
+from mooringdx.assess.simulated_score import Answer, answers, cause_words, named, share_at
+from mooringdx.assess.simulated_tables import calibration, confusion, fault_numbers, healthy_numbers, trap_numbers
+from mooringdx.config import read_toml
 from mooringdx.errors import ConfigError
 from mooringdx.types import Event, Rival
 
@@ -255,9 +262,41 @@ def test_rotation_goes_round_the_vessel_and_leaves_other_sensors() -> None:
     assert [f["subject"] for f in out["faults"]] == ["line_1", "tension_2", "heading"]
 
 
+def test_two_lost_lines_stand_as_far_apart_as_asked_and_go_round_together() -> None:
+    two: dict[str, Any] = {"faults": [{"subject": "line_1"}, {"subject": "line_2"}]}
+    for by in range(6):
+        out = [f["subject"] for f in rotated(two, by, ("1", "2", "3", "4", "5", "6"), apart=3)["faults"]]
+        assert out == [f"line_{1 + by % 6}", f"line_{1 + (by + 3) % 6}"]
+
+
+def test_a_rotating_gust_comes_from_where_a_line_goes_to() -> None:
+    model = read_toml(ROOT / "configs/vessels/fpso200.toml")
+    traps = [{"mode": "push", "direction": 1.0}, {"mode": "sea_growth", "direction": None}]
+    body: dict[str, Any] = {"model": model, "faults": [], "traps": traps}
+    lines = round_vessel(body)
+    assert lines == ("1", "5", "2", "6", "3", "7", "4", "8")  # anchors at 0, 45, ... 315 deg
+    for by in range(8):
+        first, second = rotated(body, by, lines)["traps"]
+        assert (first["direction"], second["direction"]) == (pytest.approx(45.0 * by), None)
+
+
 def test_no_two_logs_share_their_weather() -> None:
-    drawn = {weather_seed(s, w, r) for s in range(200) for w in ("train", "a", "b", "c") for r in range(5)}
-    assert len(drawn) == 200 * 4 * 5
+    found = {weather_seed(s, w, r) for s in range(200) for w in ("train", "a", "b", "c") for r in range(5)}
+    assert len(found) == 200 * 4 * 5
+
+
+def test_a_seed_draws_each_key_evenly_from_a_stream_of_its_own() -> None:
+    limits = {"rig.inertia": (-0.07, 0.07), "sea.direction": (210.0, 240.0)}
+    body: dict[str, Any] = {"rig": {"gain": 0.1}, "sea": {"direction": 1.0}}
+    rows = [drawn(body, limits, seed) for seed in range(400)]
+    inertia, direction = (np.array([r[a][b] for r in rows]) for a, b in (("rig", "inertia"), ("sea", "direction")))
+    for values, (low, high) in ((inertia, limits["rig.inertia"]), (direction, limits["sea.direction"])):
+        assert low <= values.min()
+        assert values.max() <= high
+        assert values.std() == pytest.approx((high - low) / np.sqrt(12.0), rel=0.08)
+    assert abs(np.corrcoef(inertia, direction)[0, 1]) < 0.15
+    assert rows[3]["rig"] == {"gain": 0.1, "inertia": drawn(body, {"rig.inertia": (-0.07, 0.07)}, 3)["rig"]["inertia"]}
+    assert nested({"a.b": 1, "a.c": 2, "d": 3}) == {"a": {"b": 1, "c": 2}, "d": 3}
 
 
 PLAN = """
@@ -312,8 +351,8 @@ def test_every_plan_of_the_model_basin_can_be_carried_out(path: Path) -> None:
         faults, traps = job.scenarios[i]["faults"], job.scenarios[i]["traps"]
         healthy = "healthy" in asked.name
         assert healthy == (not faults and not traps), asked.name
-        assert job.scenarios[i]["rig"]["anchors"] == job.training["rig"]["anchors"]
-        assert job.runs[job.variant_of[i]].baseline.window[1] <= job.training["record"]["duration"]
+        assert job.scenarios[i]["rig"]["anchors"] == job.lesson(i).training["rig"]["anchors"]
+        assert job.lesson(i).run.baseline.window[1] <= job.lesson(i).training["record"]["duration"]
 
 
 def test_three_hundred_healthy_hours_follow_on_forty_fits() -> None:
@@ -322,6 +361,162 @@ def test_three_hundred_healthy_hours_follow_on_forty_fits() -> None:
     cell = job.plan.cells[at]
     hours = job.scenarios[at]["record"]["duration"] * len(seeds_of(job.plan, cell)) * cell.repeat / 3600.0
     assert (hours, len(seeds_of(job.plan, cell))) == (300.0, 40)
+
+
+FPSO = """
+kind = "simulated"
+run = "{root}/configs/runs/fpso_position.toml"
+train = {{ scenario = "{root}/configs/scenarios/fpso_healthy.toml", duration = 4200.0 }}
+seeds = [1, 1]
+processes = 1
+variant = {{ clock = {{ sample_time = 0.5 }} }}
+both = {{ record = {{ sample_time = 0.5 }} }}
+[[cells]]
+name = "lost"
+scenario = "{root}/configs/scenarios/fpso_healthy.toml"
+both = {{ sea = {{ height = 1.5, peak_period = 6.0 }} }}
+change = {{ record = {{ duration = 1500.0 }}, faults = [{{ kind = "line_lost", subject = "line_1", onset = 1200.0 }}] }}
+subject = "rotate"
+draw = {{ "rig.inertia" = [-0.07, 0.07] }}
+score = {{ within = 300.0 }}
+[[cells]]
+name = "the same lesson"
+scenario = "{root}/configs/scenarios/fpso_healthy.toml"
+both = {{ sea = {{ height = 1.5, peak_period = 6.0 }} }}
+change = {{ record = {{ duration = 700.0 }} }}
+draw = {{ "rig.inertia" = [-0.07, 0.07] }}
+[[cells]]
+name = "another sea"
+scenario = "{root}/configs/scenarios/fpso_healthy.toml"
+train = {{ change = {{ sea = {{ height = 4.0 }} }} }}
+change = {{ record = {{ duration = 700.0 }} }}
+seeds = [2, 1]
+"""
+
+
+def fpso(folder: Path) -> Path:
+    path = folder / "fpso.toml"
+    path.write_text(FPSO.format(root=ROOT.as_posix()))
+    return path
+
+
+def test_cells_of_one_rig_and_sea_share_a_fit_and_their_training_is_that_rig(tmp_path: Path) -> None:
+    job = load(fpso(tmp_path))
+    assert job.lesson_of == (0, 0, 1)
+    assert [x.training["sea"]["height"] for x in job.lessons] == [1.5, 4.0]
+    assert [x.training["record"]["sample_time"] for x in job.lessons] == [0.5, 0.5]
+    assert len({x.word for x in job.lessons} | {"train"}) == 3
+    for seed in (1, 2):
+        truth = make(job, 0, seed)[1]["scenario"]
+        assert truth["rig"] == drawn(job.lessons[0].training, job.lessons[0].draw, seed)["rig"]
+        assert truth["rig"]["inertia"] != 0.0
+
+
+def test_a_bank_sees_the_channels_of_its_run_file_alone_and_finds_the_line(tmp_path: Path) -> None:
+    job = load(fpso(tmp_path))
+    log, _, _ = make(job, 0, 1)
+    assert "tension_1" in log.signals
+    assert set(seen(log, job.lesson(0).run).names) == set(job.lesson(0).run.channels)
+    text, result = run_plan(fpso(tmp_path), tmp_path / "out")
+    lost = result["cells"][0]
+    assert [lost["bank"][key]["count"] for key in ("subject_led", "subject_right")] == [1, 1]
+    assert 0.0 <= lost["bank"]["warned_after"]["50"]["value"] <= lost["bank"]["alarm_after"]["50"]["value"] <= 60.0
+    assert lost["bank"]["hours_before"] == pytest.approx(1 / 3)
+    assert "Alarms of a bank" in text
+    assert result["cells"][1]["asked_per_hour"] is None
+
+
+def banked(subject: str = "line_4", detected: float = 130.0, environment: float = 0.2, **rest: Any) -> Event:
+    body: dict[str, Any] = {
+        "evidence": {"detector": "onset_glr", "warning": detected - 10.0},
+        "probability": 0.7,
+        "cannot_tell": "a squall along the line",
+        "rivals": (Rival("environment", "force", environment, ""),),
+        "size": 0.9,
+        "size_unit": "share of the line's pull",
+        "size_interval": (0.8, 0.99),
+    }
+    return event("line_lost", subject, detected, **(body | rest))
+
+
+def bank_row(*events: Event, lead: str = "line_4", **rest: Any) -> Answer:
+    lines = ("1", "5", "2", "6", "3", "7", "4", "8")
+    return only(*events, leading=(lead,) * len(events), lines=lines, **({"faults": [fault()]} | rest))
+
+
+def test_what_a_bank_says_is_scored_at_its_warning_its_alarm_and_its_name() -> None:
+    row = bank_row(banked(), lead="line_8")
+    assert (row.warned_after, row.delay, row.subject_led, row.subject_right) == (20.0, 30.0, False, True)
+    assert (row.size_covered, row.adjacent, row.named, row.named_in_time) == (False, None, "line_lost", True)
+    assert (row.environment_probability, row.quiet_hours) == (0.2, pytest.approx(100.0 / 3600.0))
+    assert bank_row(banked(size_interval=(0.8, 1.01))).size_covered
+    assert [bank_row(banked(x)).adjacent for x in ("line_7", "line_8", "line_3")] == [True, True, False]
+    assert bank_row(banked("line_7")).size_covered is None
+    assert bank_row(banked(environment=0.75)).named == "cannot tell"
+    assert bank_row(banked(detected=105.0)).warned_after == 0.0
+
+
+def test_a_bank_that_misses_has_no_delay_and_its_quantiles_are_infinite() -> None:
+    rows = [bank_row(banked(detected=130.0 + d)) for d in range(9)]
+    figures = simulated_bank.fault_numbers([*rows, bank_row(), bank_row(banked(detected=99.0))])
+    assert figures is not None
+    assert figures["alarm_after"]["50"]["value"] == 35.0
+    assert figures["alarm_after"]["99"]["value"] == math.inf
+    assert figures["warned_after"]["90"]["value"] == math.inf
+    assert (figures["subject_right"]["count"], figures["subject_right"]["n"]) == (9, 9)
+    assert (figures["false_before"]["count"], figures["hours_before"]) == (1, pytest.approx(11 * 100.0 / 3600.0))
+    assert simulated_bank.fault_numbers([only(event(), faults=[fault()])]) is None
+
+
+def test_two_lines_are_both_named_or_not() -> None:
+    both = [fault(), fault(onset=200.0, subject="line_5")]
+    logs = [
+        (banked(), banked("line_5", 230.0)),  # each in its turn
+        (banked(detected=240.0), banked("line_5", 260.0)),  # both late
+        (banked(), banked("line_7", 230.0)),  # the second wrong
+        (banked(),),
+    ]
+    rows = []
+    for seed, found in enumerate(logs):
+        truth = walked(*found, faults=both, seed=seed, leading=("line_4",) * len(found))
+        rows += answers(cell(within=150.0), truth)
+    named_all = simulated_bank.every_named(rows)
+    assert named_all is not None
+    assert (named_all["count"], named_all["n"]) == (2, 4)
+    assert simulated_bank.every_named(rows[:1]) is None
+
+
+def test_a_trap_shows_how_likely_the_bank_held_the_environment() -> None:
+    trap = [fault("environment", "environment", mode="push")]
+    rows = [bank_row(*found, faults=(), traps=trap) for found in ((banked(),), (banked(environment=0.1),), (), ())]
+    figures = simulated_bank.trap_numbers(rows)
+    assert figures is not None
+    assert (figures["alarms"]["count"], figures["alarms"]["n"], figures["rival"]["count"]) == (2, 4, 2)
+    assert figures["probability"]["50"]["value"] == 0.1
+    assert simulated_bank.trap_numbers([bank_row(faults=(), traps=trap)]) is None
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs/plans").glob("position_*.toml")), ids=lambda p: p.stem)
+def test_every_plan_of_the_fpso_can_be_carried_out(path: Path) -> None:
+    job = load(path)
+    for i, asked in enumerate(job.plan.cells):
+        body, lesson = job.scenarios[i], job.lesson(i)
+        assert seeds_of(job.plan, asked).start >= 201
+        assert lesson.run.mooring.model == body["model"] == lesson.training["model"], asked.name
+        assert lesson.run.clock.sample_time == body["record"]["sample_time"] == lesson.training["record"]["sample_time"]
+        assert not lesson.training["faults"]
+        assert not lesson.training["traps"]
+        assert body["sea"] == lesson.training["sea"]
+        assert "fpso_position" not in job.plan.run or not any(c.startswith("tension") for c in lesson.run.channels)
+        assert ("misfit" in asked.name) == (body["rig"]["pull"] > 0.0) == ("rig.inertia" in asked.draw)
+
+
+def test_the_fpso_is_healthy_for_as_many_hours_as_said() -> None:
+    job = load(ROOT / "configs/plans/position_false_alarms.toml")
+    hours = {}
+    for i, c in enumerate(job.plan.cells):
+        hours[c.name] = job.scenarios[i]["record"]["duration"] * len(seeds_of(job.plan, c)) * c.repeat / 3600.0
+    assert list(hours.values()) == [2208.0, 2208.0, 1380.0, 552.0, 100.0]
 
 
 @pytest.mark.slow

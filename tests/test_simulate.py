@@ -379,6 +379,28 @@ def test_anchors_and_gauge_gains_are_those_drawn() -> None:
     assert np.std(shares) > 0.02
 
 
+def test_every_line_of_a_rig_pulls_by_its_own_drawn_share_more(tank: VesselModel) -> None:
+    plain = rig_of()
+    found = []
+    for seed in range(40):
+        rig = draw_rig(scenario(rig={"pull": 0.1}), streams(seed), 0.1 * np.arange(600))
+        factor = np.array(rig.drawn["pull"])
+        found.append(factor)
+        for table in ("horizontal", "tension"):
+            wanted = factor[:, None, None] * getattr(plain.lines, table)
+            np.testing.assert_allclose(getattr(rig.lines, table), wanted, rtol=1e-14)
+    assert np.abs(np.array(found) - 1.0).max() <= 0.1
+    assert np.std(found) == pytest.approx(0.2 / np.sqrt(12.0), rel=0.1)
+    assert plain.drawn["pull"] == [1.0] * 6
+
+
+def test_a_dragging_line_slides_at_its_own_share_of_the_force() -> None:
+    low = [{"kind": "line_parted_low", "subject": "line_4", "onset": 30.0, "size": 0.5}]
+    plain, rig = rig_of(faults=low), rig_of(faults=low, rig={"pull": 0.1})
+    np.testing.assert_allclose(rig.lines.slide[3, 0], rig.drawn["pull"][3] * plain.lines.slide[3, 0], rtol=1e-14)
+    assert rig.lines.slide[3, 1] == plain.lines.slide[3, 1]
+
+
 def test_another_weather_is_the_same_rig() -> None:
     body = {"rig": {"anchors": 0.015, "gain": 0.01}, "record": {"duration": 30.0, "settle": 5.0}}
     first, other = (simulate(Scenario.model_validate(body), 3, weather) for weather in (1, 2))
@@ -551,6 +573,40 @@ def test_traps_change_the_weather_as_they_say(tank: VesselModel) -> None:
     assert blown[1]["faults"] == []
 
 
+@pytest.mark.parametrize("direction", [0.0, 45.0, 100.0, 225.0, 310.0])
+def test_a_push_is_the_force_it_says_from_where_it_says_analytic(direction: float) -> None:
+    trap = {"mode": "push", "onset": 20.0, "ramp": 10.0, "size": 460e3, "direction": direction}
+    made = scenario(
+        vessel="fpso200", wind={"speed": 0.0, "gust": 0.0}, control={"set_point": (0.0, 0.0, 225.0)}, traps=[trap],
+        sea={"height": 0.0, "peak_period": 7.0},
+    )  # fmt: skip
+    time = 0.1 * np.arange(600)
+    hull = draw_rig(made, streams(1), time).hull
+    loads = draw_weather(made, streams(1), time).loads[:, 2:4]
+    c, s = np.cos(np.radians(225.0)), np.sin(np.radians(225.0))
+    surge, sway = hull.wind[0] * (c * loads[:, 0] + s * loads[:, 1]), hull.wind[1] * (c * loads[:, 1] - s * loads[:, 0])
+    north, east = c * surge - s * sway, s * surge + c * sway
+    angle = np.radians(direction)
+    np.testing.assert_allclose(north[300:], -460e3 * np.cos(angle), atol=1e-3)
+    np.testing.assert_allclose(east[300:], -460e3 * np.sin(angle), atol=1e-3)
+    np.testing.assert_allclose(np.hypot(north, east)[250], 460e3 / 4.0, rtol=1e-6)  # half the speed
+    assert not loads[:200].any()
+
+
+def test_a_current_turns_with_a_memory_of_its_own() -> None:
+    base = {"speed": 0.5, "sd": 0.1, "direction_sd": 10.0, "memory": 5.0}
+    time = 0.1 * np.arange(20_000)
+    same, own, slow = (
+        draw_weather(scenario(current=base | more), streams(1), time).loads[:, 4:6]
+        for more in ({}, {"direction_memory": 5.0}, {"direction_memory": 500.0})
+    )
+    np.testing.assert_array_equal(same, own)
+    np.testing.assert_allclose(np.hypot(*same.T), np.hypot(*slow.T), rtol=1e-12)
+    angle = [np.unwrap(np.arctan2(x[:, 1], x[:, 0])) for x in (same, slow)]
+    steps = [np.diff(a).std() for a in angle]
+    assert steps[0] / steps[1] == pytest.approx(10.0, rel=0.05)  # sqrt of 500 / 5
+
+
 def test_a_wind_from_ahead_pushes_aft() -> None:
     body = {**CALM, "record": {"duration": 300.0, "settle": 300.0}, "control": {"kind": "none"}}
     blown = simulate(Scenario.model_validate({**body, "wind": {"speed": 3.0, "direction": 0.0, "gust": 0.0}}), 1)
@@ -686,6 +742,7 @@ def test_every_scenario_loads_and_runs(path: Path) -> None:
         ('[rig]\nlines = ["line_9"]', "unknown line 'line_9'"),
         ("[sensors.position]\nsample_time = 0.25", "a multiple of 0.1 s"),
         ('[[traps]]\nmode = "sea_turn"\nonset = 1.0\nsize = 9.0\ndirection = 3.0', "takes no direction"),
+        ('[[traps]]\nmode = "push"\nonset = 1.0\nsize = 9.0', "direction is missing"),
     ],
 )
 def test_a_wrong_scenario_is_one_sentence(tmp_path: Path, text: str, says: str) -> None:

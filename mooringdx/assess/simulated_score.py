@@ -9,16 +9,20 @@ alarm of its own and counts as missed.
 
 Loss at the alarm is that share when the alarm came; the size of the event is held against the share at its sizing,
 two windows after the alarm (the middle of the data that size it), where the right line or channel was named.
+
+A bank warns before it alarms, and names a line some time after: the line that led at the alarm is scored apart from the
+one that was named.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mooringdx.assess.simulated import Cell, Expect, Walked
+from mooringdx.assess.simulated import Walked
+from mooringdx.assess.simulated_plan import Cell, Expect
 from mooringdx.types import Event
 
 CANNOT_TELL, NOTHING = "cannot tell", "nothing"
@@ -41,7 +45,10 @@ class Answer:
     ``early``: events before the first onset; ``further``: after the one that answers. ``environment``: the event is
     one, or has it among its rivals. ``discrimination``: d' of the winner against the nearest other cause. ``kinds``: of
     all events. Times in s, ``size_error`` in shares of the whole or in the event's unit, ``loss`` the share lost at the
-    alarm.
+    alarm. ``warned_after``: s from the onset to the warning that led to the alarm. ``subject_led``: the right line was
+    the likeliest at the alarm. ``adjacent``: a wrong line is a neighbour of the right one. ``size_covered``: by its
+    interval. ``named_in_time``: some event from the onset on, within ``within``, has the right kind and subject.
+    ``environment_probability``: of all rivals of that kind. ``quiet_hours``: before the first onset.
     """
 
     cell: str
@@ -72,6 +79,13 @@ class Answer:
     early: int = 0
     further: int = 0
     environment: bool | None = None
+    warned_after: float | None = None
+    subject_led: bool | None = None
+    adjacent: bool | None = None
+    size_covered: bool | None = None
+    named_in_time: bool | None = None
+    environment_probability: float | None = None
+    quiet_hours: float = 0.0
     kinds: tuple[str, ...] = ()
     words: str = ""
     refused: str = ""
@@ -99,13 +113,27 @@ def answers(cell: Cell, walked: Walked) -> list[Answer]:
     early = sum(e.detected < float(causes[0]["onset"]) - 1e-6 for e in walked.events)
     out = []
     for i, (cause, end) in enumerate(zip(causes, ends, strict=True)):
-        fields = _answer(cell.score, cause, end, walked.events) | {"early": early if i == 0 else 0}
+        fields = _answer(cell.score, cause, end, walked)
+        fields["named_in_time"] = any(_named_so(cell.score, cause, e) for e in walked.events)
+        if i == 0:
+            fields |= {"early": early, "quiet_hours": float(cause["onset"]) / 3600.0}
         out.append(Answer(role=role, truth=cell.score.truth or cause_words(cause), **common, **fields))
     return out
 
 
-def _answer(score: Expect, cause: Mapping[str, Any], end: float, events: Sequence[Event]) -> dict[str, Any]:
+def _named_so(score: Expect, cause: Mapping[str, Any], event: Event) -> bool:
+    """Tell whether an event after a cause's onset, in time, is of its kind and on its subject."""
+    after = event.detected - float(cause["onset"])
+    return (
+        -1e-6 <= after <= (math.inf if score.within is None else score.within)
+        and event.kind in (score.kinds or [str(cause["kind"])])
+        and _same_place(event.subject, score.subject or cause["subject"])
+    )
+
+
+def _answer(score: Expect, cause: Mapping[str, Any], end: float, walked: Walked) -> dict[str, Any]:
     """Return the fields of an `Answer` that hold one cause against the events."""
+    events = walked.events
     onset = float(cause["onset"])
     until = min(end, math.inf if score.within is None else onset + score.within)
     later = sorted((e for e in events if onset - 1e-6 <= e.detected < end), key=lambda e: e.detected)
@@ -138,7 +166,27 @@ def _answer(score: Expect, cause: Mapping[str, Any], end: float, events: Sequenc
         "loss": share_at(cause, event.detected) if float(cause.get("ramp") or 0.0) > 0.0 else None,
         "further": len(later) - 1,
         "environment": event.kind == "environment" or any(r.kind == "environment" for r in event.rivals),
+        **_of_bank(score, cause, event, walked),
     }
+
+
+def _of_bank(score: Expect, cause: Mapping[str, Any], event: Event, walked: Walked) -> dict[str, Any]:
+    """Return what an event of a bank, or one with an interval of its size, says beyond."""
+    out: dict[str, Any] = {}
+    place = score.subject or str(cause["subject"])
+    if walked.leading and cause["kind"] != "environment":
+        out["subject_led"] = _same_place(walked.leading[walked.events.index(event)], place)
+    wrong, right = (x.partition("_")[2] for x in (event.subject, place))
+    if wrong != right and {wrong, right} <= set(walked.lines):
+        apart = (walked.lines.index(wrong) - walked.lines.index(right)) % len(walked.lines)
+        out["adjacent"] = apart in (1, len(walked.lines) - 1)
+    if event.size_interval is not None and event.size_unit.startswith("share") and _same_place(event.subject, place):
+        low, high = event.size_interval
+        out["size_covered"] = low <= share_at(cause, event.named or event.detected) <= high
+    if "warning" in event.evidence:
+        out["warned_after"] = max(float(event.evidence["warning"]) - float(cause["onset"]), 0.0)
+        out["environment_probability"] = math.fsum(r.probability for r in event.rivals if r.kind == "environment")
+    return out
 
 
 def _same_place(one: str, other: str) -> bool:
@@ -148,8 +196,14 @@ def _same_place(one: str, other: str) -> bool:
 
 
 def named(event: Event) -> str:
-    """Return the column of the confusion table: the kind, or "cannot tell" where rivals of another kind stay level."""
-    level = event.cannot_tell is not None and any(r.kind != event.kind for r in event.rivals)
+    """Return the column of the confusion table: the kind, or "cannot tell" where rivals of another kind stay level.
+
+    A bank always says what it cannot refute: there the rivals are level when they are at least as likely as the event.
+    """
+    rivals = [r for r in event.rivals if r.kind != event.kind]
+    level = event.cannot_tell is not None and bool(rivals)
+    if level and event.probability is not None and "warning" in event.evidence:
+        level = math.fsum(r.probability for r in rivals) >= event.probability
     return CANNOT_TELL if event.kind == "unknown" or level else event.kind
 
 

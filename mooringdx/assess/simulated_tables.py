@@ -1,10 +1,8 @@
 """The numbers of an assessment on simulated logs, as text, Markdown, JSON-safe values and a row a log.
 
-    quantile q of delays: the smallest x with at least a share q of the cases <= x; a miss is infinite
-    its interval: order statistics of ranks B^-1(a/2; n, q) and B^-1(1-a/2; n, q) + 1, B binomial (no law assumed)
     calibration: of two causes d' apart (standard deviations) the likelier is right in Phi(d'/2) of cases
 
-[a, b] is an exact 95 % interval throughout: binomial for shares, Poisson for rates, order statistics for quantiles.
+Intervals and quantiles: `mooringdx.assess.simulated_figures`; what a bank adds: `mooringdx.assess.simulated_bank`.
 """
 
 from __future__ import annotations
@@ -13,22 +11,34 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from mooringdx import __version__
-from mooringdx.assess.intervals import binomial, poisson
-from mooringdx.assess.simulated import Cell, Job, Walked
+from mooringdx.assess import simulated_bank
+from mooringdx.assess.simulated import Walked
+from mooringdx.assess.simulated_figures import (
+    HOUR,
+    MONTH,
+    columns,
+    number_text,
+    quantile,
+    quantile_text,
+    rate,
+    rate_in,
+    share,
+    share_text,
+)
+from mooringdx.assess.simulated_plan import Cell, Job
 from mooringdx.assess.simulated_score import CANNOT_TELL, CAUSES, NOT_A_FAULT, NOTHING, Answer, answers
 from mooringdx.config import rate_text
 from mooringdx.results import encode, json_bytes
 
 BINS = (0.0, 3.0, 3.3, 4.7, math.inf)
 """d': under 3 the cause "cannot be told"; 3, 3.3 and 4.7 are a right name in 93, 95 and 99 % of cases."""
-HOUR = 3600.0
 TIMES: tuple[str, ...] = (
     "fault", "found", "delay s: median", "90 %", "95 %", "worst", "named after s: median", "90 %", "false before",
     "raised by",
@@ -39,34 +49,6 @@ NAMES: tuple[str, ...] = (
 )  # fmt: skip
 
 
-def share(flags: Iterable[bool | None]) -> dict[str, Any]:
-    """Return count, n, share and interval of what is true; None is left out."""
-    known = [bool(f) for f in flags if f is not None]
-    low, high = binomial(sum(known), len(known))
-    value = sum(known) / len(known) if known else None
-    return {"count": sum(known), "n": len(known), "share": value, "low": low, "high": high}
-
-
-def quantile(values: Sequence[float], q: float, level: float = 0.95) -> dict[str, Any]:
-    """Return a quantile and its interval by order statistics, None where the cases are too few to bound it.
-
-    Infinite values are cases never reached.
-    """
-    from scipy.stats import binom
-
-    known = np.sort(np.asarray(values, dtype=np.float64))
-    n, tail = known.size, (1.0 - level) / 2.0
-    if n == 0:
-        return {"value": None, "low": None, "high": None, "n": 0}
-    low, high = int(binom.ppf(tail, n, q)), int(binom.ppf(1.0 - tail, n, q)) + 1
-    return {
-        "value": float(known[max(math.ceil(q * n - 1e-9) - 1, 0)]),
-        "low": float(known[low - 1]) if low >= 1 else None,
-        "high": float(known[high - 1]) if high <= n else None,
-        "n": n,
-    }
-
-
 def summary(job: Job, walked: Sequence[Walked]) -> dict[str, Any]:
     """Return every figure of the plan as plain values."""
     rows = {cell.name: [a for w in walked if w.cell == i for a in answers(cell, w)]
@@ -74,26 +56,28 @@ def summary(job: Job, walked: Sequence[Walked]) -> dict[str, Any]:
     every = [a for found in rows.values() for a in found if not a.refused]
     cells = []
     for i, cell in enumerate(job.plan.cells):
-        run = job.runs[job.variant_of[i]]
-        cells.append(_cell(cell, rows[cell.name], run.alarm.rate))
+        run = job.lesson(i).run
+        cells.append(_cell(cell, rows[cell.name], run.alarm.rate if run.residuals.use else None))
     return {
         "kind": "simulated",
         "version": __version__,
         "plan": job.plan.model_dump(mode="json"),
-        "run_digests": [run.digest() for run in job.runs],
+        "run_digests": list(dict.fromkeys(lesson.run.digest() for lesson in job.lessons)),
         "cells": cells,
         "confusion": confusion(every),
         "calibration": calibration(every),
     }
 
 
-def _cell(cell: Cell, rows: Sequence[Answer], asked: float) -> dict[str, Any]:
+def _cell(cell: Cell, rows: Sequence[Answer], asked: float | None) -> dict[str, Any]:
     scored = [r for r in rows if not r.refused]
     refused = [{"seed": r.seed, "why": r.refused} for r in rows if r.refused]
     role = rows[0].role if rows else "fault"
     others = {"trap": trap_numbers, "healthy": healthy_numbers}
     figures = others[role](scored, asked) if role in others else fault_numbers(scored)
-    return {"name": cell.name, "role": role, "n": len(scored), "refused": refused, **figures}
+    banks = {"fault": simulated_bank.fault_numbers, "trap": simulated_bank.trap_numbers}
+    bank = banks[role](scored) if role in banks else None
+    return {"name": cell.name, "role": role, "n": len(scored), "refused": refused, **figures, "bank": bank}
 
 
 def fault_numbers(rows: Sequence[Answer]) -> dict[str, Any]:
@@ -126,7 +110,7 @@ def fault_numbers(rows: Sequence[Answer]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def trap_numbers(rows: Sequence[Answer], asked: float) -> dict[str, Any]:
+def trap_numbers(rows: Sequence[Answer], asked: float | None) -> dict[str, Any]:
     """Return the figures of a cell in which nothing failed but the environment changed; ``asked``: rate, 1/s."""
     hours = math.fsum(r.hours for r in rows)
     faults = [k for r in rows for k in r.kinds if k not in NOT_A_FAULT]
@@ -138,32 +122,24 @@ def trap_numbers(rows: Sequence[Answer], asked: float) -> dict[str, Any]:
         "environment_said": share(r.environment for r in said),
         "named": dict(Counter(r.named for r in rows).most_common()),
         "hours": hours,
-        "faults": _rate(len(faults), hours, asked),
+        "faults": rate(len(faults), hours, asked),
         "runs_with_a_fault_event": share(any(k not in NOT_A_FAULT for k in r.kinds[r.early :]) for r in rows),
         "false_before": sum(r.early for r in rows),
     }
 
 
-def healthy_numbers(rows: Sequence[Answer], asked: float) -> dict[str, Any]:
-    """Return the false alarms of healthy logs per hour with their ratio to the asked rate (1/s)."""
+def healthy_numbers(rows: Sequence[Answer], asked: float | None) -> dict[str, Any]:
+    """Return the false alarms of healthy logs per hour; with their ratio to the asked rate, 1/s, where there is one."""
     hours = math.fsum(r.hours for r in rows)
     kinds = [k for r in rows for k in r.kinds]
     return {
         "hours": hours,
-        "asked_per_hour": asked * HOUR,
-        "all": _rate(len(kinds), hours, asked),
-        "faults": _rate(sum(k not in NOT_A_FAULT for k in kinds), hours, asked),
+        "asked_per_hour": None if asked is None else asked * HOUR,
+        "all": rate(len(kinds), hours, asked),
+        "faults": rate(sum(k not in NOT_A_FAULT for k in kinds), hours, asked),
         "by_kind": dict(Counter(kinds).most_common()),
         "logs_with_an_alarm": share(bool(r.kinds) for r in rows),
     }
-
-
-def _rate(count: int, hours: float, asked: float) -> dict[str, Any]:
-    if hours <= 0.0:
-        return {"count": count, "per_hour": None, "low": None, "high": None, "ratio": [None, None, None]}
-    low, high = poisson(count, hours)
-    ratio = [x / (asked * HOUR) for x in (count / hours, low, high)]
-    return {"count": count, "per_hour": count / hours, "low": low, "high": high, "ratio": ratio}
 
 
 def confusion(rows: Sequence[Answer]) -> dict[str, dict[str, Any]]:
@@ -209,6 +185,8 @@ def text(result: Mapping[str, Any]) -> str:
         cells = [c for c in result["cells"] if c["role"] == role and c["n"]]
         if cells:
             parts.append("\n".join(block(cells)))
+    if judged := simulated_bank.text([c for c in result["cells"] if c["n"]]):
+        parts.append("\n".join(["Alarms of a bank", *judged]))
     if result["confusion"]:
         parts.append("\n".join(_confusion(result["confusion"])))
     if any(b["n"] for b in result["calibration"]):
@@ -225,14 +203,15 @@ def _faults(cells: Sequence[Mapping[str, Any]]) -> list[str]:
     for c in cells:
         d, s, o, loss = c["delay"], c["size_error"], c["onset_error"], c["loss_at_alarm"]
         raised = ", ".join(f"{k}: {v}" for k, v in c["raised_by"].items())
-        late = (_q(d["median"]), _q(d["90"]), _q(d["95"]), _number(d["max"]), _q(c["told_after"]["median"]),
-                _q(c["told_after"]["90"]))  # fmt: skip
-        times.append((c["name"], _share(c["found"]), *late, str(c["false_before"]), raised))
-        lost = (_q(loss["median"]), _q(loss["90"])) if loss else ("-", "-")
-        told = (_share(c[k]) for k in ("subject_right", "kind_right", "right", "mode_right", "cannot_tell"))
-        off = (_q(s["median"]), _q(s["95"]), _q(o["median"]), _q(o["95"]), _share(c["onset_covered"]))
-        names.append((c["name"], *told, *off, *lost))
-    return ["Faults", *_columns(times), "", *_columns(names)]
+        late = (quantile_text(d[q]) for q in ("median", "90", "95"))
+        told = (quantile_text(c["told_after"][q]) for q in ("median", "90"))
+        row = (c["name"], share_text(c["found"]), *late, number_text(d["max"]), *told, str(c["false_before"]), raised)
+        times.append(row)
+        lost = (quantile_text(loss["median"]), quantile_text(loss["90"])) if loss else ("-", "-")
+        right = (share_text(c[k]) for k in ("subject_right", "kind_right", "right", "mode_right", "cannot_tell"))
+        off = (quantile_text(x[q]) for x in (s, o) for q in ("median", "95"))
+        names.append((c["name"], *right, *off, share_text(c["onset_covered"]), *lost))
+    return ["Faults", *columns(times), "", *columns(names)]
 
 
 def _traps(cells: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -240,19 +219,20 @@ def _traps(cells: Sequence[Mapping[str, Any]]) -> list[str]:
               "fault events per hour")]  # fmt: skip
     for c in cells:
         kinds = ", ".join(f"{k}: {v}" for k, v in c["named"].items())
-        cells_of = (_share(c[k]) for k in ("without_any_event", "fault_named", "environment_said"))
-        table.append((c["name"], *cells_of, kinds, _per_hour(c["faults"])))
-    return ["Traps", *_columns(table)]
+        cells_of = (share_text(c[k]) for k in ("without_any_event", "fault_named", "environment_said"))
+        table.append((c["name"], *cells_of, kinds, rate_in(c["faults"])))
+    return ["Traps", *columns(table)]
 
 
 def _healthy(cells: Sequence[Mapping[str, Any]]) -> list[str]:
-    table = [("nothing wrong", "hours", "asked", "alarms", "per hour", "times the asked rate", "called")]
+    table = [("nothing wrong", "hours", "asked", "alarms", "per hour", "per 30 days", "times the asked rate", "called")]
     for c in cells:
-        rate, asked = c["all"], rate_text(c["asked_per_hour"] / HOUR)
-        ratio = "-" if rate["ratio"][0] is None else "{:.3g} [{:.3g}, {:.3g}]".format(*rate["ratio"])
+        seen, asked = c["all"], "-" if c["asked_per_hour"] is None else rate_text(c["asked_per_hour"] / HOUR)
+        ratio = "-" if seen["ratio"][0] is None else "{:.3g} [{:.3g}, {:.3g}]".format(*seen["ratio"])
         kinds = ", ".join(f"{k}: {v}" for k, v in c["by_kind"].items())
-        table.append((c["name"], f"{c['hours']:.1f}", asked, str(rate["count"]), _per_hour(rate), ratio, kinds))
-    return ["False alarms on healthy logs", *_columns(table)]
+        per = (rate_in(seen), rate_in(seen, MONTH))
+        table.append((c["name"], f"{c['hours']:.1f}", asked, str(seen["count"]), *per, ratio, kinds))
+    return ["False alarms on healthy logs", *columns(table)]
 
 
 def _confusion(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -260,41 +240,17 @@ def _confusion(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     used += sorted({c for r in rows.values() for c in r["named"]} - set(CAUSES) - set(used))
     table = [("truth", "n", *used, "cause and subject right")]
     for truth, row in rows.items():
-        table.append((truth, str(row["n"]), *(str(row["named"].get(c, 0)) for c in used), _share(row["right"])))
-    return [f"What was called what ({NOTHING}: no event in time)", *_columns(table)]
+        table.append((truth, str(row["n"]), *(str(row["named"].get(c, 0)) for c in used), share_text(row["right"])))
+    return [f"What was called what ({NOTHING}: no event in time)", *columns(table)]
 
 
 def _calibration(bins: Sequence[Mapping[str, Any]]) -> list[str]:
     table = [("d' to the nearest other cause", "n", "named a cause", "right of them", "promised", "mean P said")]
     for b in bins:
         span = f"{b['from']:g} to {b['to']:g}" if math.isfinite(b["to"]) else f"{b['from']:g} and more"
-        said = (_number(b["promised"]), _number(b["mean_probability"]))
-        table.append((span, str(b["n"]), str(b["named_a_cause"]), _share(b["right_of_named"]), *said))
-    return ["Is the name as sure as it says? (under 3 none should be named)", *_columns(table)]
-
-
-def _share(s: Mapping[str, Any]) -> str:
-    return f"{s['count']}/{s['n']} [{s['low']:.2f}, {s['high']:.2f}]" if s["n"] else "-"
-
-
-def _per_hour(rate: Mapping[str, Any]) -> str:
-    return "-" if rate["per_hour"] is None else f"{rate['per_hour']:.3g} [{rate['low']:.3g}, {rate['high']:.3g}]"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else "never" if value == math.inf else f"{value:.3g}"
-
-
-def _q(q: Mapping[str, Any]) -> str:
-    if q["value"] is None:
-        return "-"
-    low, high = ("?" if q[end] is None else _number(q[end]) for end in ("low", "high"))
-    return f"{_number(q['value'])} [{low}, {high}]"
-
-
-def _columns(table: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    return ["  " + "  ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)).rstrip() for row in table]
+        said = (number_text(b["promised"]), number_text(b["mean_probability"]))
+        table.append((span, str(b["n"]), str(b["named_a_cause"]), share_text(b["right_of_named"]), *said))
+    return ["Is the name as sure as it says? (under 3 none should be named)", *columns(table)]
 
 
 def files(job: Job, walked: Sequence[Walked], body: str, result: Mapping[str, Any]) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ ON_TENSION = ("dead", "stuck", "bias", "drift", "gain", "noise", "delay")
 ON_POSITION = ("jump", "stuck", "drift")
 ON_HEADING = ("bias", "stuck", "drift")
 LINE_KINDS = ("line_lost", "line_parted_low", "line_weakened")
-TRAPS = ("sea_growth", "sea_turn", "current_step", "squall", "wind")
+TRAPS = ("sea_growth", "sea_turn", "current_step", "squall", "wind", "push")
 
 
 class Failure(BaseModel):
@@ -97,11 +97,12 @@ class Trap(BaseModel):
 
     ``sea_growth``: the significant height times ``size``. ``sea_turn``: the waves turn by ``size`` deg, clockwise.
     ``current_step``: mean speed to ``size`` m/s towards ``direction``. ``squall``, ``wind``: mean speed to ``size`` m/s
-    from ``direction`` (deg true; left out: as before).
+    from ``direction`` (deg true; left out: as before). ``push``: the mean wind whose force on the vessel, at the
+    heading to hold, is ``size`` N from ``direction``; the speed grows in a straight line, the force with its square.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    mode: Literal["sea_growth", "sea_turn", "current_step", "squall", "wind"]
+    mode: Literal["sea_growth", "sea_turn", "current_step", "squall", "wind", "push"]
     onset: NotNegative
     size: float
     ramp: NotNegative = 0.0
@@ -118,6 +119,8 @@ class Trap(BaseModel):
             raise ValueError(f"{self.mode}: end {self.end} s is before onset + ramp")
         if self.direction is not None and self.mode.startswith("sea"):
             raise ValueError(f"{self.mode} takes no direction; sea_turn takes an angle as its size")
+        if self.mode == "push" and self.direction is None:
+            raise ValueError("push: direction is missing; give where the force comes from, deg true")
         return self
 
 

@@ -58,11 +58,12 @@ def draw_rig(scenario: Scenario, draw: Draw, time: Array) -> Rig:
     system = mooring_of(vessel)
     shift = np.array([[part.anchors * _one(draw, f"rig anchor {x} {a}") for a in ("north", "east")] for x in names])
     gain = 1.0 + part.gain * np.array([_one(draw, f"rig gain {x}") for x in names])
-    lines, levels = _lines(scenario, vessel, system, system.anchors + shift, time)
+    pull = 1.0 + part.pull * np.array([_even(draw, f"rig pull {x}") for x in names])
+    lines, levels = _lines(scenario, vessel, system, system.anchors + shift, pull, time)
     misread, stuck = _misread(scenario, time)
     loop, rest = _loop(scenario, vessel, stuck)
     hull = _hull(scenario, vessel)
-    drawn = {"anchors": shift.tolist(), "gain": gain.tolist()}
+    drawn = {"anchors": shift.tolist(), "gain": gain.tolist(), "pull": pull.tolist()}
     return Rig(
         vessel=vessel,
         hull=hull,
@@ -80,6 +81,10 @@ def draw_rig(scenario: Scenario, draw: Draw, time: Array) -> Rig:
 
 def _one(draw: Draw, name: str) -> float:
     return float(draw(name).standard_normal())
+
+
+def _even(draw: Draw, name: str) -> float:
+    return float(draw(name).uniform(-1.0, 1.0))
 
 
 def _hull(scenario: Scenario, vessel: VesselModel) -> Hull:
@@ -149,9 +154,12 @@ def _heavier(vessel: VesselModel, share: float) -> VesselModel:
 
 
 def _lines(
-    scenario: Scenario, vessel: VesselModel, system: Mooring, anchors: Array, time: Array
+    scenario: Scenario, vessel: VesselModel, system: Mooring, anchors: Array, factor: Array, time: Array
 ) -> tuple[Lines, Array]:  # fmt: skip
-    """Return the lines and, (n, lines) or (1, lines), the level of each in its stack of tables."""
+    """Return the lines and, (n, lines) or (1, lines), the level of each in its stack of tables.
+
+    ``factor``: (lines,), on all that a line pulls.
+    """
     part, names = scenario.rig, system.names
     heavy = _heavier(vessel, part.weight) if part.weight else vessel
     stacks, grids, slides = [], [], []
@@ -166,9 +174,10 @@ def _lines(
                 stack = _weakened(own, stack, fault)
                 levels = np.tile(levels, (time.size, 1)) if len(levels) == 1 else levels
                 levels[:, j] = (len(stack[0]) - 1) * grown(time, fault)
-        stacks.append(stack)
+        stacks.append((factor[j] * stack[0], factor[j] * stack[1]))
         grids.append((intact.start, intact.step))
-        slides.append(_slide(own, intact, j, faults))
+        force, distance = _slide(own, intact, j, faults)
+        slides.append((factor[j] * force, distance))
     deepest = max(len(h) for h, _ in stacks)
     horizontal, tension = (np.stack([_padded(stack[i], deepest) for stack in stacks]) for i in (0, 1))
     lines = Lines(

@@ -54,13 +54,17 @@ class Sea(_Part):
 
 
 class Current(_Part):
-    """[current]: m/s, direction *towards* in deg true; both wander with their sd over ``memory`` seconds."""
+    """[current]: m/s, direction *towards* in deg true; both wander with their sd over ``memory`` seconds.
+
+    ``direction_memory``: s, that of the direction, left out for the same.
+    """
 
     speed: NotNegative = 0.03
     direction: float = 200.0
     sd: NotNegative = 0.002
     direction_sd: NotNegative = 0.0
     memory: Positive = 600.0
+    direction_memory: Positive | None = None
 
 
 class Wind(_Part):
@@ -93,13 +97,15 @@ class RigPart(_Part):
     """[rig]: how the true rig departs from the vessel file, which is all that a residual generator knows.
 
     Shares of the file's value for ``weight`` (of ``lines``, default all), ``wind``, ``thrust``, ``damping``,
-    ``inertia``; sd of what is drawn once a rig for ``anchors`` (m, a line and axis) and ``gain`` (share, a gauge).
+    ``inertia``; sd of what is drawn once a rig for ``anchors`` (m, a line and axis) and ``gain`` (share, a gauge);
+    ``pull``: share by which a line's force is at most larger or smaller, any share alike, drawn once a rig and line.
     """
 
     weight: Annotated[float, Field(gt=-1)] = 0.0
     lines: list[str] = []
     anchors: NotNegative = 0.0
     gain: NotNegative = 0.0
+    pull: Annotated[float, Field(ge=0, lt=1)] = 0.0
     wind: Annotated[float, Field(ge=-1)] = 0.0
     thrust: Annotated[float, Field(ge=-1)] = 0.0
     damping: Annotated[float, Field(gt=-1)] = 0.0
@@ -183,6 +189,8 @@ class Scenario(_Part):
         for trap in self.traps:
             if trap.onset >= record.duration:
                 raise ValueError(f"onset {trap.onset} s is after the record's end, {record.duration} s")
+            if trap.mode == "push" and min(vessel.wind.surge, vessel.wind.sway) <= 0.0:
+                raise ValueError(f"a push is a wind: vessel '{vessel.name}' needs [wind] surge and sway above 0")
         for line in self.rig.lines:
             if line not in lines:
                 raise ValueError(f"[rig] lines: unknown line '{line}'{did_you_mean(line, lines)}")

@@ -41,13 +41,15 @@ def draw_weather(scenario: Scenario, draw: Draw, time: Array) -> Weather:
     travel = np.radians(sea.direction) + np.pi
     push = sea.drift * slow_drift(waves) * growth[:, None] ** 2
     ahead, aside = np.cos(travel + turn), np.sin(travel + turn)
-    wind_speed, wind_from = _moved(scenario, ("squall", "wind"), time)
+    wind_speed, wind_from = _moved(scenario, ("squall", "wind", "push"), time)
     gusts = wander(draw("wind"), n, dt, scenario.wind.gust, scenario.wind.memory)
     wind_speed = np.maximum(wind_speed * (1.0 + gusts), 0.0)
     current = scenario.current
     speed, towards = _moved(scenario, ("current_step",), time)
     speed = speed + wander(draw("current"), n, dt, current.sd, current.memory)
-    veer = wander(draw("current direction"), n, dt, np.radians(current.direction_sd), current.memory)
+    veer = wander(
+        draw("current direction"), n, dt, np.radians(current.direction_sd), current.direction_memory or current.memory
+    )
     loads = np.column_stack(
         [
             push[:, 0] * ahead - push[:, 1] * aside,
@@ -88,8 +90,27 @@ def _moved(scenario: Scenario, modes: tuple[str, ...], time: Array) -> tuple[Arr
         if trap.mode not in modes:
             continue
         share = grown(time, trap)
-        speed = speed + share * (trap.size - speed)
-        if trap.direction is not None:
-            aim = np.radians(trap.direction)
-            angle = angle + share * np.angle(np.exp(1j * (aim - angle)))
+        size, aim = _blown(scenario, trap)
+        if aim is not None:
+            turn = np.angle(np.exp(1j * (aim - angle)))
+            angle = angle + np.where(speed > 0.0, share, 1.0) * turn  # what does not blow yet has no way to turn
+        speed = speed + share * (size - speed)
     return speed, angle
+
+
+def _blown(scenario: Scenario, trap: Trap) -> tuple[float, float | None]:
+    """Return the speed, m/s, and direction, rad, that a trap reaches.
+
+    A push from direction d on a vessel heading psi: v^2 (C_x cos b, C_y sin b) = F (cos(d - psi), sin(d - psi)), b: the
+    wind's direction from the bow.
+    """
+    if trap.direction is None:
+        return trap.size, None
+    aim = float(np.radians(trap.direction))
+    if trap.mode != "push":
+        return trap.size, aim
+    vessel, place = scenario.typed(), scenario.control.set_point
+    heading = float(np.radians(vessel.mooring.heading if place is None else place[2]))
+    ahead = trap.size * np.cos(aim - heading) / vessel.wind.surge
+    aside = trap.size * np.sin(aim - heading) / vessel.wind.sway
+    return float(np.sqrt(np.hypot(ahead, aside))), heading + float(np.arctan2(aside, ahead))
