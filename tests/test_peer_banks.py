@@ -370,12 +370,17 @@ def test_samples_too_far_apart_for_the_observer_are_told(learned: tuple[OnsetGlr
         ThesisFamily("thesis_dht").upon(coarse, training, run_file("thesis_dht"))
 
 
-def test_a_run_file_fits_stores_and_detects_with_it(lost: Channels) -> None:
+def test_a_run_file_fits_stores_and_detects_with_it(
+    learned: tuple[OnsetGlr, list[Training]], lost: Channels, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OnsetGlr, "fit", lambda *_: learned[0])  # what it identifies is told elsewhere
     run = run_file("thesis_dht", thesis={"covariance": "no_fault"})
     body = run.model_dump(mode="json")
     body["baseline"] = {"window": [0.0, 1400.0]}
     run = RunConfig.model_validate(body)
-    found = detect(lost, fit([lost], run), name="lost")
+    learns = fit([lost], run)
+    assert set(learns.banks) == {"thesis_dht"}
+    found = detect(lost, learns, name="lost")
     assert found.posteriors[0].bank == "thesis_dht"
     assert {"error covariance", "unexplained force"} <= {c.name for c in found.checks}
 

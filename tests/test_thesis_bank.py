@@ -88,6 +88,15 @@ def test_mle_forgets_recursively_and_as_printed_never() -> None:
     np.testing.assert_allclose(mle(e, s, 0.9, "printed")[-1], 0.9 * cost[:-1].sum(axis=0) + cost[-1], rtol=1e-9)
 
 
+def test_mle_and_dht_go_on_where_they_stopped() -> None:
+    e, s = draws(200, 3)
+    cost, p = mle(e, s, 0.9), dht(e, s)
+    np.testing.assert_allclose(mle(e[120:], s, 0.9, start=cost[119]), cost[120:], rtol=1e-12)
+    np.testing.assert_allclose(dht(e[120:], s, start=p[119]), p[120:], rtol=1e-9)
+    e[120] = np.nan
+    np.testing.assert_array_equal(mle(e[120:], s, 0.9, start=cost[119])[0], cost[119])
+
+
 def test_a_gap_changes_nothing() -> None:
     e, s = draws(40, 3)
     gap = np.insert(e, 20, np.nan, axis=0)
