@@ -2,7 +2,8 @@
 
 For every seed and sea state: one fit on a healthy log of 70 min, then for every line one log in which it is lost, one
 in which its gauge dies. Weather and noise are drawn anew for each. `--seeds 12 --first 1 --seas 2.5 --talk`. A share
-stands with its 95 % interval (Clopper and Pearson), logs on one fit count as independent.
+stands with its 95 % interval (Clopper and Pearson), logs on one fit count as independent. `--levels` asks position alone
+at known onsets, and prints what other levels to confirm and to refute would have given.
 """
 
 from __future__ import annotations
@@ -22,9 +23,12 @@ from scipy.stats import beta
 
 from mooringdx.baseline import Baseline
 from mooringdx.config import RunConfig, load_run
+from mooringdx.hypotheses.onset.witness import Witness, ratio
+from mooringdx.hypotheses.onset_glr import OnsetGlr
 from mooringdx.pipeline import detect, fit, prepare
+from mooringdx.residuals.training import Training
 from mooringdx.simulate import Scenario, simulate
-from mooringdx.types import Event
+from mooringdx.types import Array, Event
 
 RUN = Path(__file__).parents[1] / "configs" / "runs" / "fpso_both.toml"
 AFTER = 600.0
@@ -120,18 +124,58 @@ def cell(sea: str, seeds: range, run: RunConfig, talk: bool) -> None:
         show(sea, kind, rows)
 
 
+def crossed(nats: Array, confirm: float, refute: float) -> tuple[int, float]:
+    """Return +1 confirmed, -1 refuted or 0, and the s at which."""
+    at = np.flatnonzero((nats >= confirm) | (nats <= refute))
+    return (int(np.sign(nats[at[0]])), float(at[0])) if at.size else (0, np.nan)
+
+
+def levels(sea: str, seeds: range, run: RunConfig) -> None:
+    """Ask position of every line: at many onsets of a healthy log of 150 min, and of every line's loss."""
+    alone = run.model_copy(update={"residuals": run.residuals.model_copy(update={"use": []})})
+    still: list[Array] = []
+    gone: list[Array] = []
+
+    def witness(made: Scenario, seed: int, weather: int, bank: OnsetGlr) -> Witness:
+        log, _ = simulate(made, seed, weather)
+        return bank.walked(prepare(log, alone))[3]
+
+    for seed in seeds:
+        log, _ = simulate(scenario(sea, LEARN), seed, 100 * seed)
+        channels = prepare(log, alone)
+        bank = OnsetGlr.fit([Training(channels, (slice(0, channels.grid.n),))], alone)
+        asked = witness(scenario(sea, 9000.0), seed, 100 * seed + 99, bank)
+        for line in LINES:
+            name = f"line_{line}"
+            still += [ratio(asked.sights[0], name, np.array([k]), k + 900, asked.odds) for k in range(700, 8000, 400)]
+            lost = witness(scenario(sea, ONSET + 420.0, name), seed, 100 * seed + line, bank)
+            gone.append(ratio(lost.sights[0], name, np.array([round(ONSET)]), round(ONSET) + 400, lost.odds))
+    for confirm, refute in ((7.0, -7.0), (7.0, -6.0), (7.0, -5.0), (5.0, -5.0), (4.6, -4.6)):
+        told = [[crossed(nats, confirm, refute) for nats in part] for part in (still, gone)]
+        print(f"Hs {sea}, {confirm:+g} and {refute:+g}:", end="")
+        for words, part, sign in (("healthy, refuted", told[0], -1), ("lost, confirmed", told[1], 1)):
+            print(f" {words} {times([t for s, t in part if s == sign])}", end="")
+            print(f", the other {share(sum(s == -sign for s, _ in part), len(part))};", end="")
+        print(flush=True)
+
+
 def main() -> None:
     """Print three rows a sea state and fault."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--seas", nargs="+", default=["1.5", "2.5", "4"], choices=list(SEAS))
+    parser.add_argument("--levels", action="store_true", help="position alone, at other levels")
     parser.add_argument("--talk", action="store_true", help="one line a log that did not go right")
     asked = parser.parse_args()
     run = load_run(RUN)
     run = run.model_copy(update={"clock": run.clock.model_copy(update={"sample_time": SAMPLE})})
     for sea in asked.seas:
-        cell(sea, range(asked.first, asked.first + asked.seeds), run, asked.talk)
+        seeds = range(asked.first, asked.first + asked.seeds)
+        if asked.levels:
+            levels(sea, seeds, run)
+        else:
+            cell(sea, seeds, run, asked.talk)
 
 
 if __name__ == "__main__":

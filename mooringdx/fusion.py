@@ -5,7 +5,7 @@ Tensions name a line or its gauge at once but cannot tell the two apart; positio
     line j, not its gauge           1 / (1 + e^-L)                even odds before
     line or gauge j, no other       1 - sum over others of q/o    q: by tensions, o: odds of position's own alarm
 
-L is the log likelihood ratio of the line's loss at the tension's onset, at +-7 nats
+L is the log likelihood ratio of the line's loss at the tension's onset, where it was told
 (`mooringdx.hypotheses.onset.witness`); o is 1 where position raised no alarm for line j by itself. Gauges and position
 err independently, so that these multiply; the balance of forces reads the same positions as L, so that it is not
 multiplied with it: of two that agree the surer stands. A cause is named only if no branch contradicts it: the balance
