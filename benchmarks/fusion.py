@@ -2,8 +2,8 @@
 
 For every seed and sea state: one fit on a healthy log of 70 min, then for every line one log in which it is lost, one
 in which its gauge dies. Weather and noise are drawn anew for each. `--seeds 12 --first 1 --seas 2.5 --talk`. A share
-stands with its 95 % interval (Clopper and Pearson), logs on one fit count as independent. `--levels` asks position alone
-at known onsets, and prints what other levels to confirm and to refute would have given.
+stands with its 95 % interval (Clopper and Pearson), logs on one fit count as independent. `--levels` asks position
+alone at known onsets, and prints what other levels to confirm and to refute would have given.
 """
 
 from __future__ import annotations
