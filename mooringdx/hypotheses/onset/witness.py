@@ -152,15 +152,13 @@ def _followed(
     """Fill ``out`` with L from the first of ``onsets`` on."""
     first, begun = onsets[0], 0
     logs, worth, scratch = np.zeros(onsets.size), np.empty(2 * WIDTH), np.empty((2, 6 * ROW))
-    spacings, cool = np.empty(WIDTH), np.empty(WIDTH)
     for k in range(first, last):
         if k > first:
             out[k - first] = out[k - first - 1]
         if not finite(place[k]):
             continue
         G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
-        standing(k, slots.when, odds, spacings, cool)
-        weigh_line(line, slots, odds, cool, worth)
+        weigh_line(line, slots, odds, worth)
         for s in range(begun):
             logs[s] = worth[s] - 0.5 * np.log(worth[WIDTH + s])
         out[k - first] = summed(logs) - np.log(onsets.size)
