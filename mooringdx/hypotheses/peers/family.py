@@ -130,7 +130,7 @@ class Peer:
 
     def _check(self, count: int) -> Check:
         detail = f"{count} alarms; no rival of this bank is a group of waves, a squall or a step of the current"
-        remedy = 'it is there to compare with and alarms often: decide by [bank] use = ["onset_glr"]'
+        remedy = 'it is there to compare with: decide by [bank] use = ["onset_glr"], which weighs these'
         return Check("a bank to compare with", self.word, False, detail, remedy=remedy)
 
     def to_dict(self) -> dict[str, Any]:
