@@ -181,7 +181,8 @@ class OnsetGlr:
         return fed._identified(*fed._inputs(channels, piece))
 
     def _squares(self, channels: Channels, piece: slice, names: Sequence[str]) -> Array:
-        values = np.column_stack([channels.column(c)[piece] for c in names])
+        columns = [channels.names.index(c) for c in names]
+        values = np.where(channels.valid[piece][:, columns], channels.values[piece][:, columns], np.nan)
         return squared(values, self.step / self.thin, SLOW_MEAN / self.time_scale, self.thin)
 
     def _identified(self, eta: Array, force: Array) -> OnsetGlr:
