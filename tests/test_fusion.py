@@ -14,7 +14,6 @@ from test_onset import NOISE, QUICK, evidence, odds, over_shares, responses, shi
 
 from mooringdx.config import load_run
 from mooringdx.fusion import Gauges, fuse, gauges
-from mooringdx.hypotheses.onset.kernel import Rig, line_pulls
 from mooringdx.hypotheses.onset.witness import Heard, Sight, Witness, ratio
 from mooringdx.observers.kalman import Estimate, Filter
 from mooringdx.observers.matrices import plant_of
@@ -55,12 +54,13 @@ def sight(n: int, lost: int | None = None, onset: int = 0, seed: int = 3) -> Sig
 
 
 def pull(mooring: Mooring, place: Array, line: int) -> Array:
-    rig = Rig(mooring.anchors, mooring.fairleads, mooring.start, mooring.step, mooring.horizontal)
-    return np.asarray(line_pulls(place, rig, mooring.fairleads.mean(axis=0))[line])
+    """Return what a line pulls, north, east and moment: all fairleads are at one turret, so the last is nothing."""
+    horizontal, _, direction = mooring.pulls(place)
+    return np.array([*(horizontal[line] * direction[line]), 0.0])
 
 
 def test_the_ratio_is_the_quadrature_over_shares_of_explicit_responses() -> None:
-    one, settled = sight(60), odds(QUICK)
+    one, settled = sight(60), odds(QUICK, 2.0)
     one.estimate.innovation[30:33] = np.nan
     nats = ratio(one, "line_3", np.array([12]), 50, settled)
     place, errors = one.estimate.position, one.estimate.innovation
@@ -68,7 +68,7 @@ def test_the_ratio_is_the_quadrature_over_shares_of_explicit_responses() -> None
     rho = responses(one.models, place[:, 2], seen, (12, 60), one.mooring.fairleads.mean(axis=0))
     for k in (20, 31, 49):
         z, lam = evidence(one.models, place[: k + 1, 2], errors[: k + 1], rho[: k + 1])
-        brute = over_shares(z / settled.temper, lam / settled.temper, pull(one.mooring, place[12], 2))
+        brute = over_shares(z / 2.0, lam / 2.0, pull(one.mooring, place[12], 2))
         assert nats[k - 12] == pytest.approx(brute, rel=1e-3, abs=2e-3)
 
 
