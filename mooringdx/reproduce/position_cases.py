@@ -41,7 +41,6 @@ from mooringdx.types import Array, Mask
 
 START = (2.0, 2.0)
 HOLD, SETTLED = 20.0, 100.0
-FREQUENCY = 2.0 * np.pi / 7.0
 TRAINING = 10_000.0
 PRINTED = Plant(
     # MRB and added mass at infinite frequency; 1.1 times potential damping at 0.8775 rad/s; hull file of a 200 m FPSO.
@@ -115,6 +114,19 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class Moved:
+    """A simulated motion before it is read. ``whole``, ``slow``: (n, 3), with and without the waves' own motion;
+    ``time``: (n,), s; ``thrust``: (n, 3); ``wind``: (n, 2), m/s and rad.
+    """
+
+    time: Array
+    whole: Array
+    slow: Array
+    thrust: Array
+    wind: Array
+
+
+@dataclass(frozen=True)
 class Score:
     """How one method did on one record. ``delay``: s, None where never; ``before``: share of the time from 100 s to the
     loss with the right hypothesis; ``late``: the same from 200 s after the loss; ``switches`` in 900 s without a loss;
@@ -161,6 +173,17 @@ def trial(plan: Scenario, seed: int | tuple[int, ...], shared: bool) -> Trial:
 
     ``shared``: the three axes of the place have one noise, see `one_noise`.
     """
+    draw = streams(seed)
+    return _read(plan, one_noise(draw) if shared else draw, _moved(plan, seed))
+
+
+def twins(plan: Scenario, seed: int | tuple[int, ...]) -> tuple[Trial, Trial]:
+    """Return one and the same motion twice: read with a noise of its own on every axis, and with one on all."""
+    moved_so, draw = _moved(plan, seed), streams(seed)
+    return _read(plan, draw, moved_so), _read(plan, one_noise(draw), moved_so)
+
+
+def _moved(plan: Scenario, seed: int | tuple[int, ...]) -> Moved:
     dt = plan.record.sample_time
     time: Array = dt * np.arange(round(plan.record.duration / dt), dtype=np.float64)
     rig, air = draw_rig(plan, streams(seed), time), draw_weather(plan, streams(seed), time)
@@ -169,16 +192,18 @@ def trial(plan: Scenario, seed: int | tuple[int, ...], shared: bool) -> Trial:
     slow, thrust, _ = run(*inputs, dt, rig.substeps, rig.hull, rig.lines, rig.loop)
     fast = first_order(air.waves, rig.vessel.hull, air.travel - rig.rest[2], air.turn) * air.growth[:, None]
     c, s = np.cos(slow[:, 2]), np.sin(slow[:, 2])
-    north = slow[:, 0] + c * fast[:, 0] - s * fast[:, 1]
-    east = slow[:, 1] + s * fast[:, 0] + c * fast[:, 1]
-    true = {
-        "north": ("position", north),
-        "east": ("position", east),
-        "heading": ("heading", np.degrees(slow[:, 2] + fast[:, 2])),
-    }
-    seen = logged(plan, one_noise(streams(seed)) if shared else streams(seed), time, true, air.wind)
+    whole = slow + fast
+    whole[:, 0] = slow[:, 0] + c * fast[:, 0] - s * fast[:, 1]
+    whole[:, 1] = slow[:, 1] + s * fast[:, 0] + c * fast[:, 1]
+    return Moved(time, whole, slow, thrust, air.wind)
+
+
+def _read(plan: Scenario, draw: Draw, motion: Moved) -> Trial:
+    north, east, heading = motion.whole.T
+    true = {"north": ("position", north), "east": ("position", east), "heading": ("heading", np.degrees(heading))}
+    seen = logged(plan, draw, motion.time, true, motion.wind)
     measured = np.column_stack([seen["north"].values, seen["east"].values, np.radians(seen["heading"].values)])
-    return Trial(time, measured, thrust, slow)
+    return Trial(motion.time, measured, motion.thrust, motion.slow)
 
 
 def fit_bank(base: Scenario, bench: Bench, seed: int, duration: float = TRAINING) -> ThesisBank:
@@ -186,7 +211,7 @@ def fit_bank(base: Scenario, bench: Bench, seed: int, duration: float = TRAINING
     ship = base.typed()
     mooring = mooring_of(ship)
     plant = PRINTED if bench.equations == "printed" else plant_of(ship.dynamics)
-    observer = passive(plant, FREQUENCY, "text", bench.equations)
+    observer = passive(plant, 2.0 * np.pi / base.sea.peak_period, "text", bench.equations)
     found = []
     for i, line in enumerate((*mooring.names, NONE)):
         plan = scenario(base, Case(line, 0.0, 0.0, ("", "")), duration)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,22 +32,30 @@ class Shown:
 
 @dataclass(frozen=True)
 class Sheet:
-    """One figure: title, the place of its case in `CASES`, how it is drawn and what it shows."""
+    """One figure: title, the place of its case in `CASES`, how it is drawn, its caption, and what is ``seen`` in it in
+    a line over it.
+    """
 
     title: str
     case: int
     draw: Callable[[Shown], Figure]
     caption: str
+    seen: str
 
 
 def paint(sheet: Sheet, shown: Shown) -> Figure:
     """Draw one figure in the house style, laid out once."""
+    return painted(lambda: sheet.draw(shown), sheet.seen)
+
+
+def painted(draw: Callable[[], Figure], seen: str) -> Figure:
+    """Draw a figure in the house style with what is ``seen`` in it as a line over it, laid out once."""
     import matplotlib
 
-    with matplotlib.rc_context(
-        {**canvas.STYLE, "legend.fontsize": 8.0, "xtick.labelsize": 8.0, "ytick.labelsize": 8.0}
-    ):
-        figure = sheet.draw(shown)
+    small: Any = {"legend.fontsize": 8.5, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5}
+    with matplotlib.rc_context({**canvas.STYLE, **small}):
+        figure = draw()
+        figure.suptitle(seen, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
         figure.set_dpi(DPI)
         engine = figure.get_layout_engine()
         if engine is not None:
@@ -58,10 +66,10 @@ def paint(sheet: Sheet, shown: Shown) -> Figure:
 
 def _onset(axes: Axes, shown: Shown) -> None:
     """Mark the loss and put the clock under the axes."""
-    end = float(shown.record.time[-1])
+    time = shown.record.time
     if shown.case.line != NONE:
         axes.axvline(shown.case.onset, color=canvas.RED, lw=1.1, ls=(0, (5, 2)), label="line lost")
-    axes.set_xlim(0.0, end)
+    axes.set_xlim(0.0, float(2.0 * time[-1] - time[-2]))
 
 
 def _thin(shown: Shown, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -109,15 +117,16 @@ def residuals(shown: Shown) -> Figure:
     for column, h in enumerate(pair):
         for i, panel in enumerate(axes[:, column]):
             values = shown.weighed.watched.innovation[:, h, i]
-            panel.plot(*_thin(shown, values), color="#b9c3cf", lw=0.5)
+            panel.plot(*_thin(shown, values), color="#b9c3cf", lw=0.5, label="each sample")
             slow = np.convolve(values, np.ones(200) / 200, mode="same")
-            panel.plot(*_thin(shown, slow), color=canvas.BLUE, lw=1.3)
+            panel.plot(*_thin(shown, slow), color=canvas.BLUE, lw=1.3, label="mean over 20 s")
             _onset(panel, shown)
             if column == 0:
                 panel.set_ylabel(label[i])
         said = "nothing lost" if h == names.index(NONE) else f"{names[h].replace('_', ' ')} lost"
         axes[0, column].set_title(f"Observer for {said}")
         axes[-1, column].set_xlabel("time (s)")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
     figure.align_ylabels()
     return figure
 
@@ -144,9 +153,10 @@ def probabilities(shown: Shown) -> Figure:
     for i, panel in enumerate(axes[:, 0]):
         panel.plot(*_thin(shown, shown.weighed.probability[:, i]), color=canvas.BLUE, lw=0.9)
         _onset(panel, shown)
-        panel.set_ylim(-0.05, 1.05)
+        panel.set_ylim(-0.1, 1.1)
         panel.set_yticks([0.0, 1.0])
         panel.set_ylabel(names[i].replace("_", " "), rotation=0, ha="right", va="center")
+    axes[0, 0].set_title("probability of every scenario (-)")
     axes[-1, 0].set_xlabel("time (s)")
     return figure
 
@@ -176,6 +186,7 @@ SHEETS: Mapping[str, Sheet] = {
         0,
         track,
         "From 2 m north and 2 m east to rest. With one noise for both axes the measured places lie on a line.",
+        "Nothing lost: with one noise for both axes every place lies on one line",
     ),
     "fig5_17_positions": Sheet(
         "Fig. 5.17: positions, line 7 lost",
@@ -183,6 +194,7 @@ SHEETS: Mapping[str, Sheet] = {
         positions,
         "North, east and heading. The thrusters, limited here to 0.25 MN an axis, are weaker than the lost line's 0.46 "
         "MN and hold the vessel where it is; in the thesis they bring it back.",
+        "Line 7 lost: the vessel goes away along it and does not come back",
     ),
     "fig5_11_residuals": Sheet(
         "Fig. 5.11: residuals, line 6 lost",
@@ -190,24 +202,28 @@ SHEETS: Mapping[str, Sheet] = {
         residuals,
         "Innovations (grey) and their means over 20 s (blue) of the observer whose line is lost and of that of none: "
         "each is off by centimetres while it is wrong.",
+        "Line 6 lost: centimetres of mean under decimetres of noise",
     ),
     "fig5_8_scenario": Sheet(
         "Fig. 5.8: scenario, nothing lost, with current",
         1,
         choice,
         "The current pulls as if line 6 were lost, which is what both methods are tempted to say.",
+        "Nothing lost, with current: both methods first say line 6",
     ),
     "fig5_20_probabilities": Sheet(
         "Fig. 5.20: probabilities, line 7 lost",
         4,
         probabilities,
         "Lines 3 and 4 are the neighbours of line 7, and the likeliest mistakes.",
+        "Line 7 lost: from none to line 7, past its neighbours 3 and 4",
     ),
     "fig5_28_likelihoods": Sheet(
         "Fig. 5.28: likelihoods, line 8 lost, with current",
         7,
         likelihoods,
         "The current makes up for about a third of the lost line, so that none stays nearly as likely as the truth.",
+        "Line 8 lost, with current: line 8 and none stay close to each other",
     ),
 }
 

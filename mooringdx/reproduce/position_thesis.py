@@ -1,4 +1,4 @@
-"""The reproduction of [PositionThesis, chapter 5]: the table of delays, its sentences judged, and six figures.
+"""The reproduction of [PositionThesis, chapter 5]: tables of delays and of half a day, sentences judged, and figures.
 
 configs/scenarios/thesis_none.toml is the vessel in its sea; `mooringdx.reproduce.position_cases` makes the eight cases
 and the benches of it.
@@ -7,21 +7,33 @@ and the benches of it.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from mooringdx import __version__
 from mooringdx.errors import ReportError
 from mooringdx.hypotheses.thesis_bank import ThesisBank
 from mooringdx.page import render
+from mooringdx.physics.rig import mooring_of
 from mooringdx.plots import save
 from mooringdx.reproduce.effects import FAILS, HOLDS, PARTLY, Claim
 from mooringdx.reproduce.fang2015 import setting
 from mooringdx.reproduce.position_cases import BENCHES, CASES, said, scenario, trial
-from mooringdx.reproduce.position_drawing import DPI, SHEETS, Shown, captions, paint
-from mooringdx.reproduce.position_table import METHODS, Row, cell, claims, record_of, table
+from mooringdx.reproduce.position_claims import Beyond, beyond_claims, delay_cells
+from mooringdx.reproduce.position_days import WATERS, night_cells, night_record, nights
+from mooringdx.reproduce.position_drawing import DPI, SHEETS, Shown, captions, paint, painted
+from mooringdx.reproduce.position_ours import NAMES, ours_cell, ours_record, ours_table
+from mooringdx.reproduce.position_ours_drawing import OUR_SHEETS, looked, our_captions
+from mooringdx.reproduce.position_table import METHODS, RECORDS, Row, cell, claims, record_of, table
 from mooringdx.results import json_bytes, write_files
 from mooringdx.simulate.scenario import Scenario, load_scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NAME = "position-thesis"
 OWN = ("index.html", "figures", "claims.json")
@@ -59,19 +71,25 @@ MISPRINTS: tuple[tuple[str, str, str], ...] = (
 """Where in the thesis, what is printed, how it was read."""
 
 
-def reproduce(out: Path, seed: int) -> str:
-    """Write the whole reproduction into ``out``; see the module. Return the claims in words, a line each."""
+def reproduce(out: Path, seed: int, repeats: int = 1) -> str:
+    """Write the whole reproduction into ``out``; see the module. Return the claims in words, a line each.
+
+    ``repeats``: how many times as many records, of the cases and of half a day, as by default.
+    """
     _refuse_strangers(out)
     path = setting("scenarios", "thesis_none")
     base = load_scenario(path)
-    rows, banks = table(base, seed)
-    found = claims(rows)
-    made = pages(base, rows, banks[BENCHES[0].name], found, seed)
+    rows, banks = table(base, seed, repeats * RECORDS)
+    ours, own = ours_table(base, seed, repeats * RECORDS)
+    seen = tuple(looked(base, case, bank, seed) for case, bank in zip(CASES, own, strict=True))
+    beyond = Beyond(ours, nights(base, banks, seed, repeats), seen)
+    found = (*claims(rows), *beyond_claims(rows, beyond))
+    made = pages(base, rows, banks[BENCHES[0].name], found, seed, beyond)
     write_files(out, made)
     for old in sorted((out / "figures").glob("*")):
         if f"figures/{old.name}" not in made:
             old.unlink()
-    return text(rows, found)
+    return text(rows, found, beyond)
 
 
 def command(seed: int) -> str:
@@ -79,17 +97,21 @@ def command(seed: int) -> str:
     return f"mooringdx reproduce {NAME} -o DIR --seed {seed}"
 
 
-def pages(base: Scenario, rows: Sequence[Row], bank: ThesisBank, found: Sequence[Claim], seed: int) -> dict[str, bytes]:
+def pages(
+    base: Scenario,
+    rows: Sequence[Row],
+    bank: ThesisBank,
+    found: Sequence[Claim],
+    seed: int,
+    beyond: Beyond | None = None,
+) -> dict[str, bytes]:
     """Return {relative name: bytes}: index.html, claims.json, and every figure as PNG and SVG."""
-    told, out, shown = captions(command(seed)), {}, []
-    for name, sheet in SHEETS.items():
-        case = CASES[sheet.case]
-        record = trial(scenario(base, case), (seed, 0), BENCHES[0].shared)
-        figure = paint(sheet, Shown(case, record, bank, said(bank, record)))
-        png, svg = save(figure, {"Title": sheet.title, "Description": told[name], "Source": command(seed)}, DPI)
+    out, shown = {}, []
+    for name, title, caption, figure in _figures(base, bank, seed, beyond):
+        png, svg = save(figure, {"Title": title, "Description": caption, "Source": command(seed)}, DPI)
         out[f"figures/{name}.png"], out[f"figures/{name}.svg"] = png, svg
         uri = "data:image/png;base64," + base64.b64encode(png).decode()
-        shown.append({"name": name, "title": sheet.title, "caption": told[name], "uri": uri})
+        shown.append({"name": name, "title": title, "caption": caption, "uri": uri})
     body = {
         "format": "mooringdx claims 1",
         "paper": "PositionThesis",
@@ -97,39 +119,87 @@ def pages(base: Scenario, rows: Sequence[Row], bank: ThesisBank, found: Sequence
         "mooringdx": __version__,
         "claims": list(found),
         "table": [record_of(row) for row in rows],
+        "ours": [ours_record(row) for row in beyond.ours] if beyond else [],
+        "half_a_day": [night_record(night) for night in beyond.nights] if beyond else [],
         "misprints": [dict(zip(("where", "printed", "meant"), row, strict=True)) for row in MISPRINTS],
     }
     context = {
         "found": found,
         "records": len(rows[0].scores["dht"]),
-        "benches": [bench.name for bench in BENCHES],
+        "benches": [*(bench.name for bench in BENCHES), *(NAMES[:1] if beyond else ())],
         "methods": list(zip(METHODS, ("Dynamic hypothesis testing", "Maximum likelihood"), strict=True)),
-        "table": {method: _cells(rows, method) for method in METHODS},
+        "table": {method: _cells(rows, method, beyond) for method in METHODS},
+        "delays": delay_cells(rows),
+        "ours_names": NAMES,
+        "ours": _our_cells(beyond),
+        "waters": [water.name for water in WATERS],
+        "nights": night_cells(beyond.nights) if beyond else [],
         "shown": shown,
         "misprints": MISPRINTS,
-        "facts": [("Command", command(seed)), ("Vessel", base.vessel), ("mooringdx", __version__)],
+        "facts": _facts(base, seed),
     }
     return {"index.html": render("position_thesis.html.j2", context).encode(), "claims.json": json_bytes(body), **out}
 
 
-def text(rows: Sequence[Row], found: Sequence[Claim]) -> str:
-    """Return table and claims for a terminal."""
+def _figures(
+    base: Scenario, bank: ThesisBank, seed: int, beyond: Beyond | None
+) -> Iterator[tuple[str, str, str, Figure]]:
+    """Give name, title, caption and figure of each, the thesis's bank first."""
+    told = captions(command(seed))
+    for name, sheet in SHEETS.items():
+        case = CASES[sheet.case]
+        record = trial(scenario(base, case), (seed, 0), BENCHES[0].shared)
+        yield name, sheet.title, told[name], paint(sheet, Shown(case, record, bank, said(bank, record)))
+    if beyond is None:
+        return
+    told = our_captions(command(seed))
+    for name, own in OUR_SHEETS.items():
+        yield name, own.title, told[name], painted(partial(own.draw, beyond.seen), own.seen)
+
+
+def _facts(base: Scenario, seed: int) -> list[tuple[str, str]]:
+    """Return what made the page, and the current's force and speed in each case."""
+    pull = float(mooring_of(base.typed()).pulls(np.zeros(3))[0][-1])
+    speeds = {case.pull: scenario(base, case).current.speed for case in CASES if case.pull}
+    forces = "; ".join(
+        f"{share} of {pull / 1e3:.0f} kN = {share * pull / 1e3:.0f} kN ({speed:.2f} m/s on this hull's beam) "
+        + ("where line 8 is lost" if share == CASES[-1].pull else "elsewhere")
+        for share, speed in speeds.items()
+    )
+    return [("Command", command(seed)), ("Vessel", base.vessel), ("Current", forces), ("mooringdx", __version__)]
+
+
+def text(rows: Sequence[Row], found: Sequence[Claim], beyond: Beyond | None = None) -> str:
+    """Return tables and claims for a terminal."""
     count = {verdict: sum(c.verdict == verdict for c in found) for verdict in (HOLDS, PARTLY, FAILS)}
     head = f"PositionThesis, {len(found)} claims: " + ", ".join(f"{n} {verdict}" for verdict, n in count.items() if n)
-    lines = [head, *(f"  {c.verdict:16s}{c.where:8s}{c.paper}" for c in found)]
+    lines = [head, *(f"  {c.verdict:16s}{c.where:16s}{c.paper}" for c in found)]
     for method in METHODS:
         lines.append(f"{method.upper()}, the thesis | " + " | ".join(bench.name for bench in BENCHES))
         lines += [f"  {row[0]:17s} {' | '.join(row[1:])}" for row in _cells(rows, method)]
+    if beyond is not None:
+        lines.append(" | ".join(NAMES))
+        lines += [f"  {row[0]:17s} {' | '.join(row[1:])}" for row in _our_cells(beyond)]
+        lines.append("half a day, nothing lost | " + " | ".join(water.name for water in WATERS))
+        lines += [f"  {' | '.join(row)}" for row in night_cells(beyond.nights)]
     return "\n".join(lines)
 
 
-def _cells(rows: Sequence[Row], method: str) -> list[list[str]]:
-    """Return a line a case: its name, the thesis's figure, and every bench's."""
+def _cells(rows: Sequence[Row], method: str, beyond: Beyond | None = None) -> list[list[str]]:
+    """Return a line a case: its name, the thesis's figure, every bench's, and our default's where it is at hand."""
     out = []
     for case in CASES:
         own = [row for row in rows if row.case is case]
-        out.append([case.name, case.thesis[METHODS.index(method)], *(cell(row, method) for row in own)])
+        line = [case.name, case.thesis[METHODS.index(method)], *(cell(row, method) for row in own)]
+        ours = [ours_cell(row) for row in beyond.ours if row.case is case and row.name == NAMES[0]] if beyond else []
+        out.append([*line, *ours])
     return out
+
+
+def _our_cells(beyond: Beyond | None) -> list[list[str]]:
+    """Return a line a case: its name, and what our default said, with and without the current learned."""
+    ours = beyond.ours if beyond else ()
+    return [[case.name, *(ours_cell(row) for row in ours if row.case is case)] for case in CASES] if ours else []
 
 
 def _refuse_strangers(out: Path) -> None:
