@@ -111,7 +111,7 @@ class Filter:
         """
         used = tuple(models) if models is not None else self.models(measured[:, 2])
         zero = np.zeros(np.shape(measured))
-        rig = self.mooring or _NO_LINES
+        rig, start = self.mooring or _NO_LINES, np.zeros((0, 0)) if start_covariance is None else start_covariance
         state, innovation, nis, final, covariance = _filtered(
             np.require(measured, np.float64, ["C", "W"]),
             zero if force is None else held(force),
@@ -120,7 +120,7 @@ class Filter:
             np.array([m.heading for m in used]), turning,
             np.stack([m.F for m in used]), np.stack([m.G for m in used]), np.stack([m.K for m in used]),
             np.stack([m.S for m in used]), np.stack([m.Q for m in used]), np.stack([m.stiffness for m in used]),
-            used[0].R, np.zeros((0, 0)) if start_covariance is None else np.array(start_covariance),
+            used[0].R, np.array(start, dtype=np.float64, order="C"),
             rig.fairleads, rig.anchors, rig.start, rig.step, rig.horizontal,
         )  # fmt: skip
         seen = innovation[np.isfinite(nis)]
@@ -153,21 +153,25 @@ def turn_states(x: Array, c: float, s: float) -> None:
 
 
 @njit(cache=True)
-def _updated(x: Array, error: Array, gain: Array, c: float, s: float) -> None:
+def _updated(x: Array, error: Array, gain: Array, c: float, s: float, step: Array) -> None:
     """Add gain times innovation to the state, in place; the gain is that of the model's heading."""
     north, east = c * error[0] + s * error[1], c * error[1] - s * error[0]
-    step = np.empty(x.size)
     for i in range(x.size):
         step[i] = gain[i, 0] * north + gain[i, 1] * east + gain[i, 2] * error[2]
     turn_states(step, c, s)
-    x += step
+    for i in range(x.size):
+        x[i] += step[i]
 
 
 @njit(cache=True)
 def _predicted(
-    x: Array, earth: Array, body: Array, F: Array, G: Array, K: Array, reference: float, c: float, s: float
-) -> Array:
-    """Return the state one step on. ``earth``: the lines' force; ``K``: their stiffness, in F, given back here."""
+    x: Array, earth: Array, body: Array, F: Array, G: Array, K: Array, reference: float, c: float, s: float,
+    out: Array,
+) -> None:  # fmt: skip
+    """Carry the state one step on, in place.
+
+    ``earth``: the lines' force; ``K``: their stiffness, in F, given back here; ``out``: (15,), scratch.
+    """
     turn_states(x, c, s * -1.0)
     north, east, moment = c * earth[0] + s * earth[1], c * earth[1] - s * earth[0], earth[2]
     north += K[0, 0] * x[0] + K[0, 1] * x[1] + K[0, 2] * x[2]
@@ -175,40 +179,82 @@ def _predicted(
     moment += K[2, 0] * x[0] + K[2, 1] * x[1] + K[2, 2] * x[2]
     cr, sr = np.cos(reference), np.sin(reference)
     surge, sway, yaw = body[0] + cr * north + sr * east, body[1] + cr * east - sr * north, body[2] + moment
-    out = np.empty(x.size)
-    for i in range(x.size):
-        total = G[i, 0] * surge + G[i, 1] * sway + G[i, 2] * yaw
-        for j in range(x.size):
-            total += F[i, j] * x[j]
-        out[i] = total
-    turn_states(out, c, s)
-    return out
+    for i in range(6):
+        out[i] = G[i, 0] * surge + G[i, 1] * sway + G[i, 2] * yaw
+        for j in range(9):
+            out[i] += F[i, j] * x[j]
+    for i in range(6):
+        x[i] = out[i]
+    for i in range(9, 12):
+        low, high = x[i], x[i + 3]
+        x[i], x[i + 3] = F[i, i] * low + F[i, i + 3] * high, F[i + 3, i] * low + F[i + 3, i + 3] * high
+    turn_states(x, c, s)
 
 
-@njit(cache=True)
-def _carried(P: Array, F: Array, Q: Array, gain: Array, seen: bool) -> Array:
-    """Return the covariance before the next update; ``seen``: there was an update with ``gain``."""
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _rows_on(F: Array, p: Array, out: Array) -> None:
+    """Fill ``out`` with F p, flat (225,) both: bias forces stay, wave states move in pairs, the rest is 6 x 9."""
+    n = 15
+    for r in range(6):
+        a, b, c, d, e = F[r, 0], F[r, 1], F[r, 2], F[r, 3], F[r, 4]
+        f, g, h, k = F[r, 5], F[r, 6], F[r, 7], F[r, 8]
+        for j in range(n):
+            total = a * p[j] + b * p[n + j] + c * p[2 * n + j] + d * p[3 * n + j] + e * p[4 * n + j]
+            out[r * n + j] = total + f * p[5 * n + j] + g * p[6 * n + j] + h * p[7 * n + j] + k * p[8 * n + j]
+    for j in range(3 * n):
+        out[6 * n + j] = p[6 * n + j]
+    for m in range(9, 12):
+        a, b, c, d = F[m, m], F[m, m + 3], F[m + 3, m], F[m + 3, m + 3]
+        for j in range(n):
+            low, high = p[m * n + j], p[(m + 3) * n + j]
+            out[m * n + j] = a * low + b * high
+            out[(m + 3) * n + j] = c * low + d * high
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _carried(p: Array, F: Array, Q: Array, gain: Array, seen: bool, pc: Array, work: Array) -> None:
+    """Carry the covariance, flat (225,), to before the next update, in place; ``seen``: there was one with ``gain``.
+
+    ``pc``: C P, of `_gain`; ``work``: (225,), scratch.
+    """
+    n = 15
     if seen:
-        cut = P.copy()
-        for i in range(P.shape[0]):
-            for j in range(P.shape[0]):
-                for m in range(3):
-                    cut[i, j] -= gain[i, m] * (P[m, j] + P[12 + m, j])
-        P = cut
-    out = F @ P @ F.T + Q
-    return 0.5 * (out + out.T)
-
-
-@njit(cache=True)
-def _gain(P: Array, R: Array) -> tuple[Array, Array]:
-    """Return the gain, (15, 3), and the innovations' covariance, (3, 3), of the covariance before the update."""
-    n = P.shape[0]
-    pc = np.empty((n, 3))
+        for i in range(n):
+            x, y, z = gain[i, 0], gain[i, 1], gain[i, 2]
+            for j in range(n):
+                p[i * n + j] -= x * pc[j] + y * pc[n + j] + z * pc[2 * n + j]
+    _rows_on(F, p, work)
     for i in range(n):
+        for j in range(n):
+            p[i * n + j] = work[j * n + i]
+    _rows_on(F, p, work)
+    for i in range(n):
+        for j in range(n):
+            p[i * n + j] = 0.5 * (work[i * n + j] + work[j * n + i]) + Q[i, j]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _gain(p: Array, R: Array, pc: Array, gain: Array, weight: Array) -> None:
+    """Fill C P, flat (45,), the gain, (15, 3), and the inverse of the innovations' covariance, (3, 3).
+
+    ``p``: the covariance before the update, flat (225,).
+    """
+    n = 15
+    for m in range(3):
+        for j in range(n):
+            pc[m * n + j] = p[m * n + j] + p[(12 + m) * n + j]
+    a, b, c = pc[0] + pc[12] + R[0, 0], pc[1] + pc[13] + R[0, 1], pc[2] + pc[14] + R[0, 2]
+    d, e, f = pc[16] + pc[28] + R[1, 1], pc[17] + pc[29] + R[1, 2], pc[32] + pc[44] + R[2, 2]
+    u, v, w = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1.0 / (a * u + b * v + c * w)
+    weight[0, 0], weight[0, 1], weight[0, 2] = scale * u, scale * v, scale * w
+    weight[1, 1], weight[1, 2] = scale * (a * f - c * c), scale * (b * c - a * e)
+    weight[2, 2] = scale * (a * d - b * b)
+    weight[1, 0], weight[2, 0], weight[2, 1] = weight[0, 1], weight[0, 2], weight[1, 2]
+    for i in range(n):
+        x, y, z = pc[i], pc[n + i], pc[2 * n + i]
         for m in range(3):
-            pc[i, m] = P[i, m] + P[i, 12 + m]
-    S = pc[:3] + pc[12:] + R
-    return pc @ np.linalg.inv(S), S
+            gain[i, m] = x * weight[0, m] + y * weight[1, m] + z * weight[2, m]
 
 
 @njit(cache=True)
@@ -231,10 +277,11 @@ def _filtered(
     inverse = np.empty_like(spreads)
     for i in range(bins):
         inverse[i] = np.linalg.inv(spreads[i])
-    carried = P.size > 0
-    x, started, error = np.zeros(15), False, np.zeros(3)
+    carried, p, pc, work = P.size > 0, P.ravel(), np.empty(45), np.empty(225)
+    varied, square = np.empty((15, 3)), np.empty((3, 3))
+    x, new, started, error, earth = np.zeros(15), np.empty(15), False, np.zeros(3), np.zeros(3)
     for k in range(n):
-        seen = np.isfinite(measured[k]).all()
+        seen = np.isfinite(measured[k, 0]) and np.isfinite(measured[k, 1]) and np.isfinite(measured[k, 2])
         if not started:
             if not seen:
                 continue
@@ -246,20 +293,20 @@ def _filtered(
         c, s = np.cos(rest), np.sin(rest)
         gain, weight = gains[at], inverse[at]
         if carried and seen:
-            gain, spread = _gain(P, R)
-            weight = np.linalg.inv(spread)
+            _gain(p, R, pc, varied, square)
+            gain, weight = varied, square
         if seen:
             for i in range(3):
                 error[i] = measured[k, i] - x[i] - x[12 + i]
             north, east = c * error[0] + s * error[1], c * error[1] - s * error[0]
             squares[k] = _square(weight, north, east, error[2])
             innovations[k] = error
-            _updated(x, error, gain, c, s)
+            _updated(x, error, gain, c, s, new)
         states[k] = x[:9]
         if carried:
-            P = _carried(P, F[at], Q[at], gain, seen)
-        earth = lines[k].copy()
+            _carried(p, F[at], Q[at], gain, seen, pc, work)
+        earth[:] = lines[k]
         if len(anchors):
             earth += line_force(x[:3], fairleads, anchors, start, step, horizontal)
-        x = _predicted(x, earth, force[k], F[at], G[at], stiffness[at], reference, c, s)
+        _predicted(x, earth, force[k], F[at], G[at], stiffness[at], reference, c, s, new)
     return states, innovations, squares, x, P
