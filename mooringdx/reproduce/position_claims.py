@@ -126,7 +126,7 @@ def _ours_first(ours: Sequence[Ours]) -> Claim:
     return Claim(
         "5.2, ours",
         "Our default says nothing before a loss, also in a current that it has not learned.",
-        f"{count[0]} false alarms in {hours:.1f} h with the current learned, {count[1]} without",
+        f"{count[0]} false alarms in {hours:.1f} h with the current learned, {count[1]} without (on shared seeds)",
         "none with, and none without",
         grade(count[0] == 0, count[1] == 0),
         {"learned": count[0], "not_learned": count[1], "hours": hours},

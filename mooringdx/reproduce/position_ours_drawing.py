@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 GREY = "#b9c3cf"
 FLOOR, TOP = -25.0, 15.0
 """Score between which it is drawn, nats."""
-NEAR = (250.0, 650.0)
-"""s of the thesis's clock between which the posterior is drawn."""
+WHOLE, NEAR = (-400.0, 1000.0), (250.0, 650.0)
+"""s of the thesis's clock between which figures are drawn, and the posterior."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,15 @@ def _of(seen: Sequence[Seen], case: int) -> Seen:
     return next(s for s in seen if s.case is CASES[case])
 
 
-def _marks(panel: Axes, one: Seen) -> None:
-    """Mark the loss and the alarm, shade what the bank does not hear, and set the clock of the thesis."""
+def _marks(panel: Axes, one: Seen, span: tuple[float, float] = WHOLE) -> None:
+    """Mark the loss and the alarm, shade what the bank does not hear, and show ``span`` of the thesis's clock, s."""
     if one.case.line != NONE:
         panel.axvline(one.case.onset, color=canvas.RED, lw=1.2, ls=(0, (5, 2)), label="line lost")
     if one.alarm is not None:
         panel.axvline(one.alarm, color=canvas.PURPLE, lw=1.2, ls=(0, (1, 1)), label="alarm")
-    panel.axvspan(-EARLIER, WARM - EARLIER, color=canvas.GAP, lw=0, zorder=0, label="not listening yet")
-    panel.set_xlim(-400.0, 1000.0)
+    if span[0] < WARM - EARLIER:
+        panel.axvspan(-EARLIER, WARM - EARLIER, color=canvas.GAP, lw=0, zorder=0, label="not listening yet")
+    panel.set_xlim(*span)
 
 
 def _legend(figure: Figure, panels: Sequence[Axes], columns: int) -> None:
@@ -177,9 +178,8 @@ def posterior(seen: Sequence[Seen]) -> Figure:
         for values, colour, style, label in curves:
             wide = 2.2 if label == "the lost line" else 1.2
             panel.plot(clock[said], values[said], color=colour, ls=style, lw=wide, label=label)
-        _marks(panel, one)
+        _marks(panel, one, NEAR)
         panel.set_title(_title(one))
-        panel.set_xlim(*NEAR)
         panel.set_ylim(-0.04, 1.06)
     _outside(figure, axes, "probability (-)")
     return figure
