@@ -86,7 +86,10 @@ def cell(sea: str, seeds: range, hours: float, run: RunConfig, talk: bool) -> di
             s = np.sqrt(np.asarray(bank.noise.force)) / 1e3
             s, noise = np.sqrt(np.asarray(bank.noise.force)) / 1e3, bank.noise
             print(f"  {seed} {line}: {said}; false {extra}; sqrt S_F {s[0]:.0f} {s[1]:.0f} kN s^.5", end="")
-            print(f", temper {bank.temper:.2f}, nis {bank.nis:.2f}, w0 {noise.frequency:.2f}", flush=True)
+            print(
+                f", temper {bank.temper[4]:.2f} to {bank.temper[-1]:.2f}, nis {bank.nis:.2f}, w0 {noise.frequency:.2f}",
+                flush=True,
+            )
     rates = [row["r"] for row in bank.observability().values()]
     return {
         "sea": sea,

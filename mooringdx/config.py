@@ -344,8 +344,10 @@ class PeersPart(_Part):
 class BankPart(_Part):
     """[bank]: position-only hypotheses.
 
-    Rates are priors, of all lines together, of a step of the environment (left out: one a day, a month where wind is
-    logged) and of a wave group; ``temper`` divides the evidence; ``warning`` and ``alarm`` are log odds.
+    Rates are priors, of all lines together, of a step of the environment (left out: one a week, a month where wind is
+    logged) and of a wave group; ``temper`` is what divides the evidence where the no-fault window is too short to tell;
+    ``warning`` and ``alarm`` are log odds. ``pairs``: share of breaks that take two lines at once, 0 for none;
+    ``partial``: shares of a pull whose loss is weighed too.
     ``feed_forward``: of the drift that wave probes, or heave and pitch, tell: auto on axes where it explains four
     fifths, off never, always on every axis.
     """
@@ -355,6 +357,8 @@ class BankPart(_Part):
     line_rate: Rate = parse_rate("1/year")
     environment_rate: Rate | None = None
     pulse_rate: Rate = parse_rate("6/hour")
+    pairs: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    partial: list[Annotated[float, Field(gt=0, lt=1)]] = []
     temper: Annotated[float, Field(ge=1)] = 2.0
     warning: float = -3.0
     alarm: float = 0.0

@@ -34,10 +34,11 @@ from mooringdx.hypotheses.onset.bank import (
     mean_drift,
     odds_of,
     over,
-    spread,
 )
 from mooringdx.hypotheses.onset.kernel import Odds
-from mooringdx.hypotheses.onset.verdict import Piece, checks, events
+from mooringdx.hypotheses.onset.losses import Loss, losses, shares, weights
+from mooringdx.hypotheses.onset.temper import tempers
+from mooringdx.hypotheses.onset.verdict import Piece, checks, events, steady
 from mooringdx.hypotheses.onset.witness import Sight, Witness
 from mooringdx.observers.feedforward import (
     HARM,
@@ -51,7 +52,7 @@ from mooringdx.observers.feedforward import (
     told,
 )
 from mooringdx.observers.forces import wind_force
-from mooringdx.observers.identify import Identified, Record, identify
+from mooringdx.observers.identify import Identified, Record, identify, steady_bias
 from mooringdx.observers.kalman import Filter, held
 from mooringdx.observers.matrices import Noise, Plant, plant_of
 from mooringdx.physics.frames import rotation, unwrapped
@@ -66,7 +67,7 @@ _THRUST = ("thrust_surge", "thrust_sway", "thrust_yaw")
 _WIND = ("wind_speed", "wind_direction")
 _SLOWEST = 0.3
 """rad/s at full scale: no waves are slower than 21 s."""
-_DAY, _MONTH = 1.0 / 86400.0, 1.0 / 2592000.0
+_WEEK, _MONTH = 1.0 / 604800.0, 1.0 / 2592000.0
 
 
 class NoFault(Protocol):
@@ -88,9 +89,10 @@ class OnsetGlr:
     ``place``: (3,), m, m, rad, of the no-fault window; ``origin``: (2,), m; ``wind``: force coefficients (3,);
     ``known``: channels whose force is known; ``bias``: (3,), N, N, N m, the filter's start. ``thin``: samples of the
     log's clock in one of the bank's, ``step``: s of the latter. ``rates``: 1/s at full scale, of all lines, an
-    environmental step, a wave group. ``temper``: what evidence is divided by; ``drift``: (2,), N, the mean slow drift
-    in surge and what stands for it in sway; ``nis``: of the filter on the no-fault window, 3 when matched; ``spread``:
-    mean z'Lam^-1 z/2 there. ``feeds``: forces learned from waves or motions; ``gusts``: R^2 of the wind's force.
+    environmental step, a wave group. ``temper``: what evidence is divided by, one number each fine spacing of
+    an onset's age; ``drift``: (2,), N, the mean slow drift in surge and what stands for it in sway; ``nis``: of the
+    filter on the no-fault window, 3 when matched; ``spread``: mean z'Lam^-1 z/2 there. ``feeds``: forces learned from
+    waves or motions; ``gusts``: R^2 of the wind's force. ``pairs``, ``partial``: as in the run file.
     """
 
     mooring: Mooring
@@ -105,7 +107,7 @@ class OnsetGlr:
     step: float
     time_scale: float
     rates: tuple[float, float, float]
-    temper: float
+    temper: Array
     warning: float
     alarm: float
     drift: tuple[float, float]
@@ -113,6 +115,8 @@ class OnsetGlr:
     spread: float
     feeds: tuple[Feed, ...] = ()
     gusts: tuple[float, float, float] | None = None
+    pairs: float = 0.0
+    partial: tuple[float, ...] = ()
 
     @classmethod
     def fit(cls, training: Sequence[NoFault], run: RunConfig) -> OnsetGlr:
@@ -142,12 +146,14 @@ class OnsetGlr:
             step=thin * grid.sample_time,
             time_scale=ship.time_scale,
             rates=_rates(run.bank, used),
-            temper=run.bank.temper,
+            temper=_flat(run.bank),
             warning=run.bank.warning,
             alarm=run.bank.alarm,
             drift=(0.0, 0.0),
             nis=np.nan,
             spread=np.nan,
+            pairs=run.bank.pairs,
+            partial=tuple(run.bank.partial),
         )
         eta, force = draft._inputs(longest.channels, piece)
         plain = draft._identified(eta, force)
@@ -164,7 +170,7 @@ class OnsetGlr:
             gusts = removed(Ground(self._filter(self.mooring), eta, bare, self.bias, skip), force - bare)
             new = replace(self, gusts=gusts)
             if min(gusts[:2]) < HARM:
-                calm = replace(calm, gusts=gusts, rates=_rates(bank, calm.known), temper=bank.temper)
+                calm = replace(calm, gusts=gusts, rates=_rates(bank, calm.known), temper=_flat(bank))
                 new, force = calm._identified(eta, bare), bare
         feeds = learned(
             Ground(new._filter(new.mooring), eta, force, new.bias, skip),
@@ -177,7 +183,7 @@ class OnsetGlr:
         used = [name for feed in new.feeds if any(feed.on) for name in feed.channels]
         if not used:
             return new
-        fed = replace(new, known=(*new.known, *used), temper=bank.temper)
+        fed = replace(new, known=(*new.known, *used), temper=_flat(bank))
         return fed._identified(*fed._inputs(channels, piece))
 
     def _squares(self, channels: Channels, piece: slice, names: Sequence[str]) -> Array:
@@ -196,8 +202,8 @@ class OnsetGlr:
         filtering = new._filter(new.mooring)
         models = filtering.models(eta[:, 2])
         estimate = filtering(eta, force, bias=new.bias, models=models)
-        seen = spread(estimate, models, new.mooring, new.odds, new.beat)
-        return replace(new, spread=seen, temper=max(self.temper, seen) if np.isfinite(seen) else self.temper)
+        temper, seen = tempers(estimate, models, new.mooring, new.odds, new.beat, float(self.temper[0]))
+        return replace(new, spread=seen, temper=locked(temper))
 
     def _noise(self, record: Record, middle: Array) -> Identified:
         """Return the noise of a record; where what was taken for waves is too slow for any, sought above that.
@@ -223,8 +229,13 @@ class OnsetGlr:
         """The numbers of the hypotheses."""
         pull = float(np.mean(self.mooring.pulls(np.asarray(self.place))[0]))
         step, group = (STEP_SHARE * pull) ** 2 * np.eye(2), np.diag((GROUP * np.asarray(self.drift)) ** 2)
-        lines = len(self.mooring.names)
-        return odds_of(self.beat, self.time_scale, lines, self.rates, self.temper, step, group)
+        each = weights(self.losses, self.pairs)
+        return odds_of(self.beat, self.time_scale, each, self.rates, self.temper, step, group)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What may be gone."""
+        return losses(self.mooring.names, self.pairs, self.partial)
 
     def _filter(self, mooring: Mooring) -> Filter:
         return Filter(self.plant, self.noise, self.step, mooring, self.place)
@@ -271,44 +282,59 @@ class OnsetGlr:
         eta, force = self._inputs(channels)
         pieces, sights = self._pieces(eta, force)
         n = len(eta)
-        lines = self.mooring.names
-        score, probability = np.full(n, np.nan), np.zeros((n, len(lines) + 3))
+        weighed = self.losses
+        score, probability = np.full(n, np.nan), np.zeros((n, len(weighed) + 3))
         for one in pieces:
             score[one.first + one.skip :] = one.trace.score[one.skip :]
             probability[one.first + one.skip :] = one.after()
         grid = channels.grid
         row = np.minimum(np.arange(grid.n) // self.thin, n - 1)
-        names = ("no fault", *(f"line_lost {line}" for line in lines), "environment", "wave group")
+        names = ("no fault", *(loss.name for loss in weighed), "environment", "wave group")
         posterior = Posterior(BANK, names, grid.time, probability[row])
         clock = (grid.start, self.step)
-        found = events(pieces, lines, self.odds, self.beat, clock, self.warning, self.alarm)
+        found = events(pieces, weighed, self.odds, self.beat, clock, self.warning, self.alarm)
         rows = checks(pieces, score, self.observability(), self.warning, clock)
         squares = [
             self._squares(channels, slice(None), f.channels) if any(f.on) else np.zeros((0, 0)) for f in self.feeds
         ]
-        rows = (*rows, *told(self.feeds, self.gusts, squares))
+        rows = (*rows, self._steady(pieces[0], sights[0]), *told(self.feeds, self.gusts, squares))
         return posterior, found, rows, Witness(sights, self.odds, self.beat, clock)
 
     def _pieces(self, eta: Array, force: Array) -> tuple[list[Piece], tuple[Sight, ...]]:
         """Return one walk after another: each ends where a line was named, the next is without that line."""
-        mooring, first, skip, gone, bias = self.mooring, 0, 0, -1, self.bias
+        mooring, first, skip, gone, bias = self.mooring, 0, 0, -1, self._start(eta, force)
         out: list[Piece] = []
         sights: list[Sight] = []
+        weighed, lost = self.losses, shares(self.losses, mooring.names)
         while True:
             filtering = self._filter(mooring)
             models = filtering.models(eta[first:, 2])
             estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
-            trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning)
+            quiet = self.beat.again if out else self.beat.warm
+            trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning, lost, quiet)
             until = None if trace.alarm < 0 else max(trace.alarm - self.beat.confirm, 1)
             out.append(Piece(first, skip, gone, trace, _mean(estimate.nis[:until])))
             sights.append(Sight(first, skip, estimate, models, mooring))
             if trace.alarm < 0 or first + trace.named >= len(eta) - 2:
                 return out, tuple(sights)
             gone, onset = out[-1].best()
-            mooring = mooring.without([mooring.names[gone]])
+            mooring = weighed[gone].after(mooring)
             bias = np.array(estimate.bias[max(onset - 1, 0)])
             skip = trace.named - onset + 1
             first += onset
+
+    def _start(self, eta: Array, force: Array) -> Array:
+        """Return the steady force of a log's warm-up: it may lie in another current than the no-fault window."""
+        seen = np.isfinite(eta[: self.beat.warm]).all(axis=1).any()
+        record = Record(eta, force, np.zeros(eta.shape), self.step)
+        return steady_bias(record, self.mooring, self.beat.warm) if seen else self.bias
+
+    def _steady(self, walked: Piece, sight: Sight) -> Check:
+        """Return how the steady force has changed since the no-fault window, and which lost line looks the same."""
+        last = walked.trace.alarm - self.beat.end if walked.trace.alarm >= 0 else len(sight.estimate.bias)
+        quiet = sight.estimate.bias[self.beat.warm : max(last, 2 * self.beat.warm), :2]
+        horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
+        return steady(_means(quiet) - self.bias[:2], -horizontal[:, None] * direction, self.mooring.names)
 
     def observability(self) -> dict[str, dict[str, Any]]:
         """Return, a line, the information rate ``r``, nats/s at full scale, if its loss is ``observable``, and why.
@@ -317,7 +343,7 @@ class OnsetGlr:
         """
         horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
         one = self._filter(self.mooring).model(self.place[2])
-        lam = information(one, self.mooring.fairleads.mean(axis=0), self.beat.end)[:2, :2] / self.temper
+        lam = information(one, self.mooring.fairleads.mean(axis=0), self.beat.end)[:2, :2] / self.temper[-1]
         turn = rotation(self.place[2])[:2, :2]
         white = turn @ np.diag(self.noise.force[:2]) @ turn.T
         spacing = 4.0 * self.beat.fine * self.step * self.time_scale
@@ -347,9 +373,18 @@ class OnsetGlr:
         return out
 
 
+def _flat(bank: BankPart) -> Array:
+    return np.full(2, float(bank.temper))
+
+
 def _mean(values: Array) -> float:
     good = values[np.isfinite(values)]
     return float(good.mean()) if good.size else np.nan
+
+
+def _means(values: Array) -> Array:
+    good = values[np.isfinite(values).all(axis=1)]
+    return np.asarray(good.mean(axis=0)) if good.size else np.full(values.shape[1], np.nan)
 
 
 def _known(channels: Channels) -> tuple[str, ...]:
@@ -360,6 +395,6 @@ def _known(channels: Channels) -> tuple[str, ...]:
 
 
 def _rates(bank: BankPart, known: Sequence[str]) -> tuple[float, float, float]:
-    auto = _MONTH if "wind_speed" in known else _DAY
+    auto = _MONTH if "wind_speed" in known else _WEEK
     step = auto if bank.environment_rate is None else bank.environment_rate
     return bank.line_rate, step, bank.pulse_rate

@@ -148,7 +148,7 @@ def identify(
     start = _first_guess(omega, density, variance, record.step, natural, plant, peak)
     thin = thinned(record, peak)
     span = len(thin.measured) * thin.step
-    bias = _steady_bias(thin, mooring)
+    bias = steady_bias(thin, mooring)
     skip = int(min(2.0 * slow / thin.step, 0.25 * len(thin.measured)))
     axes = np.array([1.0, 1.0, plant.inertia[2, 2] / plant.inertia[0, 0]])
 
@@ -204,9 +204,9 @@ def _first_guess(
     return Noise(_triple(force), (bias, bias, bias), _triple(wave), _triple(variance), peak, share)
 
 
-def _steady_bias(record: Record, mooring: Mooring | None) -> Array:
-    """Return minus the mean of all known forces over the record's first fifth, (3,), earth axes."""
-    first = slice(0, max(1, len(record.measured) // 5))
+def steady_bias(record: Record, mooring: Mooring | None, count: int = 0) -> Array:
+    """Return minus the mean of all known forces, (3,), earth axes, over the first ``count`` samples, or the first fifth."""
+    first = slice(0, count or max(1, len(record.measured) // 5))
     eta, body = record.measured[first], record.force[first]
     good = np.isfinite(eta).all(axis=1)
     eta, body = eta[good], body[good]

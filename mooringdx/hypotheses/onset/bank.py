@@ -33,8 +33,9 @@ from mooringdx.physics.mooring import Mooring
 from mooringdx.types import Array
 
 FINE = 5.0
-_FINE_END, _END, _PULSES, _CONFIRM, _WARM = 36, 180, (4, 8, 16), 12, 120
-"""In fine spacings: 180 s, 900 s, 20, 40 and 80 s, 60 s, 10 min."""
+_FINE_END, _END, _PULSES, _CONFIRM, _WARM, _AGAIN = 36, 180, (4, 8, 16), 12, 120, 36
+_DELAY = 60
+"""In fine spacings: 180 s, 900 s, 20, 40 and 80 s, 60 s, 10 min, 3 min; 5 min."""
 ALPHA_SD = 0.15
 """Sd of the share of a line's pull that a break takes; 1 is all of it."""
 BETA_SD = 0.1
@@ -47,7 +48,10 @@ GROUP = 1.5
 
 @dataclass(frozen=True)
 class Beat:
-    """Times in samples ``step`` s apart: spacing of onsets, their two ends, wave groups, naming and warm-up."""
+    """Times in samples ``step`` s apart: spacing of onsets, their two ends, wave groups, naming and warm-up.
+
+    ``again``: the warm-up after a line was named.
+    """
 
     step: float
     fine: int
@@ -56,23 +60,25 @@ class Beat:
     pulses: tuple[int, int, int]
     confirm: int
     warm: int
+    again: int
 
 
 def beat(step: float, time_scale: float) -> Beat:
     """Return the bank's times for samples ``step`` s apart of a log whose seconds are ``time_scale`` at full scale."""
     fine = max(1, round(FINE / (time_scale * step)))
     a, b, c = (fine * x for x in _PULSES)
-    return Beat(step, fine, fine * _FINE_END, fine * _END, (a, b, c), fine * _CONFIRM, fine * _WARM)
+    return Beat(step, fine, fine * _FINE_END, fine * _END, (a, b, c), fine * _CONFIRM, fine * _WARM, fine * _AGAIN)
 
 
 @dataclass(frozen=True)
 class Trace:
     """What one walk found, on its own samples.
 
-    ``score``: (n,), NaN before the first; ``probability``: (n, lines + 3); ``alarm``: first sample at or over the
+    ``score``: (n,), NaN before the first; ``probability``: (n, losses + 3); ``alarm``: first sample at or over the
     level, -1 where none; ``named``: the last sample walked; ``when``: (s,), sample of each onset, -1 where
-    free; ``logs``: (s, lines + 4), `weighed` there; ``z``: (s, 3) and ``lam``: (s, 3, 3), what each onset has gathered;
-    ``pulls``: (s, lines, 3), N, N, N m, of each line at the onset.
+    free; ``logs``: (s, losses + 4), `weighed` there; ``z``: (s, 3) and ``lam``: (s, 3, 3), what each onset has
+    gathered; ``pulls``: (s, losses, 3), N, N, N m, what each takes at the onset; ``rise``: by how much at most evidence
+    was lowered because the sea was rougher than the one learned from; ``last``: the same when named.
     """
 
     score: Array
@@ -84,18 +90,24 @@ class Trace:
     z: Array
     lam: Array
     pulls: Array
+    rise: float
+    last: float
 
 
 def odds_of(
     times: Beat,
     time_scale: float,
-    lines: int,
+    weights: Array,
     rates: tuple[float, float, float],
-    temper: float,
+    temper: Array,
     step: Array,
     group: Array,
 ) -> Odds:
-    """Return the numbers of the hypotheses; ``rates``: 1/s at full scale, of all lines, of a step, of a wave group."""
+    """Return the numbers of the hypotheses.
+
+    ``weights``: (losses,), of each loss, in the rate of all lines. ``rates``: 1/s at full scale, of all lines, of a
+    step, of a wave group. ``temper``: what evidence is divided by, one number each fine spacing of an onset's age.
+    """
     spacing = times.fine * times.step * time_scale
     line, environment, pulse = rates
     return Odds(
@@ -103,12 +115,13 @@ def odds_of(
         times.fine_end,
         times.end,
         np.array(times.pulses, dtype=np.int64),
-        float(np.log(line * spacing / lines)),
+        np.log(line * spacing * weights),
         float(np.log(environment * spacing)),
         float(np.log(pulse * spacing / PULSES)),
-        temper,
+        np.interp(np.arange(times.end + 1.0), times.fine * np.arange(len(temper)), temper),
         ALPHA_SD,
         BETA_SD,
+        float(times.warm),
         np.ascontiguousarray(step),
         np.ascontiguousarray(group),
     )
@@ -125,7 +138,13 @@ def tuned(models: Sequence[Model]) -> Tuned:
     )
 
 
-def empty(times: Beat | Odds, lines: int) -> Slots:
+def rig_of(mooring: Mooring, shares: Array | None = None) -> Rig:
+    """Return the lines for the loops; ``shares``: (losses, lines), one whole line each when None."""
+    lost = np.eye(len(mooring.names)) if shares is None else np.ascontiguousarray(shares, np.float64)
+    return Rig(mooring.anchors, mooring.fairleads, mooring.start, mooring.step, mooring.horizontal, lost)
+
+
+def empty(times: Beat | Odds, losses: int) -> Slots:
     """Return slots without an onset; raise ValueError where there are too few, or an onset outlives its pulse's end."""
     most = 2 + times.fine_end // times.fine + (times.end - times.fine_end) // (4 * times.fine) + 2
     if most > WIDTH or any(int(length) % (4 * times.fine) for length in times.pulses):
@@ -135,7 +154,8 @@ def empty(times: Beat | Odds, lines: int) -> Slots:
         np.full((PULSES, WIDTH), -1, dtype=np.int64),
         np.zeros(STATES * ROW),
         np.zeros((OWN + PULSES * FREE) * WIDTH),
-        np.zeros(lines * ROW),
+        np.zeros(losses * ROW),
+        np.ones(3 + times.fine * _DELAY),
     )
 
 
@@ -146,21 +166,31 @@ def evidence(slots: Slots) -> tuple[Array, Array]:
 
 
 def over(
-    estimate: Estimate, models: Sequence[Model], mooring: Mooring, odds: Odds, times: Beat, alarm: float, warning: float
+    estimate: Estimate,
+    models: Sequence[Model],
+    mooring: Mooring,
+    odds: Odds,
+    times: Beat,
+    alarm: float,
+    warning: float,
+    shares: Array | None = None,
+    quiet: int | None = None,
 ) -> Trace:
     """Walk over a filter's innovations to the first alarm that still stands when it is named, or to the end.
+
+    ``shares``: as `rig_of` takes them. ``quiet``: samples before the first onset, the warm-up when None.
 
     Alarms that have sunk under ``warning`` by then are passed over; they stay visible in ``score``.
     """
     innovation, place = estimate.innovation, estimate.position
-    n, lines = len(place), len(mooring.names)
-    score, probability = np.full(n, np.nan), np.zeros((n, lines + 3))
+    rig = rig_of(mooring, shares)
+    n, losses = len(place), len(rig.shares)
+    score, probability = np.full(n, np.nan), np.zeros((n, losses + 3))
     probability[:, 0] = 1.0
-    slots = empty(times, lines)
-    rig = Rig(mooring.anchors, mooring.fairleads, mooring.start, mooring.step, mooring.horizontal)
+    slots = empty(times, losses)
     rest = (
-        times.warm, innovation, place, tuned(models), rig, mooring.fairleads.mean(axis=0), odds, slots, score,
-        probability,
+        times.warm if quiet is None else quiet, innovation, place, tuned(models), rig, mooring.fairleads.mean(axis=0),
+        odds, slots, score, probability,
     )  # fmt: skip
     at, first = -1, 0
     while first < n:
@@ -175,33 +205,11 @@ def over(
             break
         at = -1
     named = first - 1 if at >= 0 else n - 1
-    logs = np.empty((slots.when.size, lines + 1 + PULSES))
-    weighed(named, slots, odds, in_earth(odds.group, float(place[named, 2])), logs)
-    pulls = slots.pulls.reshape(lines, 3, WIDTH).transpose(2, 0, 1)
-    return Trace(score, probability, at, named, slots.when, logs, *evidence(slots), pulls)
-
-
-def spread(estimate: Estimate, models: Sequence[Model], mooring: Mooring, odds: Odds, times: Beat) -> float:
-    """Return the mean of z'Lam^-1 z/2 (north, east) over a no-fault record: 1 where innovations are as assumed.
-
-    NaN where the record is too short for an onset to grow old.
-    """
-    innovation, place = estimate.innovation, estimate.position
-    n, lines = len(place), len(mooring.names)
-    slots = empty(times, lines)
-    rig = Rig(mooring.anchors, mooring.fairleads, mooring.start, mooring.step, mooring.horizontal)
-    rest = (
-        times.warm, innovation, place, tuned(models), rig, mooring.fairleads.mean(axis=0), odds, slots, np.zeros(n),
-        np.zeros((n, lines + 3)),
-    )  # fmt: skip
-    values = []
-    for first in range(0, n - times.confirm, times.confirm):
-        walk(first, first + times.confirm, np.inf, *rest)
-        old = (slots.when >= 0) & (first + times.confirm - slots.when > times.pulses[0])
-        each, information = evidence(slots)
-        for z, lam in zip(each[old, :2], information[old, :2, :2], strict=True):
-            values.append(0.5 * float(z @ np.linalg.solve(lam, z)))
-    return float(np.mean(values)) if values else np.nan
+    logs = np.empty((slots.when.size, losses + 1 + PULSES))
+    rise, last = float(slots.rough[1]), float(slots.rough[2])
+    weighed(named, slots, odds, in_earth(odds.group, float(place[named, 2])) * last, logs)
+    pulls = slots.pulls.reshape(losses, 3, WIDTH).transpose(2, 0, 1)
+    return Trace(score, probability, at, named, slots.when, logs, *evidence(slots), pulls, rise, last)
 
 
 def information(one: Model, middle: Array, samples: int) -> Array:

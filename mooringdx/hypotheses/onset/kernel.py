@@ -35,6 +35,7 @@ from mooringdx.types import Array
 
 Index = NDArray[np.int64]
 PULSES = 3
+CUT = 5.0
 NOTHING, LOG4 = -np.inf, float(np.log(4.0))
 WIDTH, ROW = 80, 240
 """Slots there is room for, and a row of one for each of three unit forces."""
@@ -46,8 +47,8 @@ class Slots(NamedTuple):
     """What is kept of each onset, flat rows of ``WIDTH`` slots each, so that their distances are known when compiling.
 
     ``when``: (WIDTH,), sample, -1 where free; ``after``: (3, WIDTH), the slot of the onset one pulse later, -1 where
-    none; ``d``: 15 states x 3 unit forces; ``sums``: 24 rows, z0, z1, Lam00, Lam01, Lam11, z2, Lam02, Lam12, Lam22 of
-    the onset, then the first five of each pulse; ``pulls``: lines x 3, N, N, N m, of each line at the onset.
+    none; ``rough``: as `risen` keeps it; ``d``: 15 states x 3 unit forces; ``sums``: 24 rows, z0, z1, Lam00, Lam01,
+    Lam11, z2, Lam02, Lam12, Lam22 of the onset, then the first five of each pulse; ``pulls``: losses x 3, N, N, N m.
     """
 
     when: Index
@@ -55,38 +56,44 @@ class Slots(NamedTuple):
     d: Array
     sums: Array
     pulls: Array
+    rough: Array
 
 
 class Odds(NamedTuple):
     """Numbers of the hypotheses. ``fine``, ``fine_end``, ``end``: samples between onsets and until they are thinned to
-    every fourth and dropped; ``pulses``: (3,), samples. ``line``, ``environment``, ``pulse``: log of rate times the
-    fine spacing; ``along``, ``across``: sd of the force that a lost line leaves, over its
-    pull; ``step``, ``group``: (2, 2), N^2, covariance of the free forces,
-    in earth and in body axes.
+    every fourth and dropped; ``pulses``: (3,), samples. ``line``, (losses,), ``environment``, ``pulse``: log of rate
+    times the fine spacing; ``temper``: (end + 1,), by age in samples, what evidence is divided by; ``along``,
+    ``across``: sd of the force that a loss leaves, over its pull; ``memory``: samples over which the sea is watched, 0
+    for never; ``step``, ``group``: (2, 2), N^2, covariance of the free forces, in earth and in body axes.
     """
 
     fine: int
     fine_end: int
     end: int
     pulses: Index
-    line: float
+    line: Array
     environment: float
     pulse: float
-    temper: float
+    temper: Array
     along: float
     across: float
+    memory: float
     step: Array
     group: Array
 
 
 class Rig(NamedTuple):
-    """The lines: (n, 2) anchors and fairleads, the tables of horizontal tension as in `Mooring`."""
+    """The lines: (n, 2) anchors and fairleads, the tables of horizontal tension as in `Mooring`.
+
+    ``shares``: (losses, n), the share of every line's pull that a loss takes.
+    """
 
     anchors: Array
     fairleads: Array
     start: float
     step: float
     horizontal: Array
+    shares: Array
 
 
 class Tuned(NamedTuple):
@@ -133,15 +140,15 @@ def doubt(pull: Array, along: float, across: float) -> tuple[float, float, float
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def weigh_line(j: int, slots: Slots, odds: Odds, out: Array) -> None:
-    """Fill ``out``, two rows, with the exponent and the determinant of line ``j`` lost at each onset."""
+def weigh_line(j: int, slots: Slots, odds: Odds, cool: Array, out: Array) -> None:
+    """Fill ``out``, two rows, with the exponent and the determinant of loss ``j`` at each onset; ``cool``: 1/temper."""
     x, h, row = slots.sums, slots.pulls, 3 * WIDTH * j
-    cool, along, across = 1.0 / odds.temper, odds.along, odds.across
+    along, across = odds.along, odds.across
     for s in range(WIDTH):
-        n, e, m = h[row + s], h[row + WIDTH + s], h[row + 2 * WIDTH + s]
-        b00, b01, b11 = cool * x[2 * WIDTH + s], cool * x[3 * WIDTH + s], cool * x[4 * WIDTH + s]
-        b02, b12, b22 = cool * x[6 * WIDTH + s], cool * x[7 * WIDTH + s], cool * x[8 * WIDTH + s]
-        y0, y1, y2 = cool * x[s], cool * x[WIDTH + s], cool * x[5 * WIDTH + s]
+        t, n, e, m = cool[s], h[row + s], h[row + WIDTH + s], h[row + 2 * WIDTH + s]
+        b00, b01, b11 = t * x[2 * WIDTH + s], t * x[3 * WIDTH + s], t * x[4 * WIDTH + s]
+        b02, b12, b22 = t * x[6 * WIDTH + s], t * x[7 * WIDTH + s], t * x[8 * WIDTH + s]
+        y0, y1, y2 = t * x[s], t * x[WIDTH + s], t * x[5 * WIDTH + s]
         l0, l1, l2 = b00 * n + b01 * e + b02 * m, b01 * n + b11 * e + b12 * m, b02 * n + b12 * e + b22 * m
         c00, c01, c11 = left_over(n, e, along, across)
         fit, det = free_force(y0 + l0, y1 + l1, b00, b01, b11, c00, c01, c11)
@@ -150,16 +157,17 @@ def weigh_line(j: int, slots: Slots, odds: Odds, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def weigh_free(row: int, cov: Array, slots: Slots, odds: Odds, out: Array) -> None:
+def weigh_free(row: int, cov: Array, slots: Slots, cool: Array, out: Array) -> None:
     """Fill ``out``, two rows, with exponents and determinants of a free force with the sums from ``row`` on.
 
-    ``cov``: (2, 2), N^2, of the force, earth axes.
+    ``cov``: (2, 2), N^2, of the force, earth axes; ``cool``: 1/temper.
     """
-    x, at, cool = slots.sums, WIDTH * row, 1.0 / odds.temper
+    x, at = slots.sums, WIDTH * row
     c00, c01, c11 = cov[0, 0], cov[0, 1], cov[1, 1]
     for s in range(WIDTH):
-        y0, y1 = cool * x[at + s], cool * x[at + WIDTH + s]
-        b00, b01, b11 = cool * x[at + 2 * WIDTH + s], cool * x[at + 3 * WIDTH + s], cool * x[at + 4 * WIDTH + s]
+        t = cool[s]
+        y0, y1 = t * x[at + s], t * x[at + WIDTH + s]
+        b00, b01, b11 = t * x[at + 2 * WIDTH + s], t * x[at + 3 * WIDTH + s], t * x[at + 4 * WIDTH + s]
         fit, det = free_force(y0, y1, b00, b01, b11, c00, c01, c11)
         out[s] = fit
         out[WIDTH + s] = det
@@ -177,38 +185,85 @@ def in_earth(cov: Array, heading: float) -> Array:
 
 
 @njit(cache=True)
-def standing(k: int, when: Index, odds: Odds, out: Array) -> None:
-    """Fill ``out``, (WIDTH,), with the log of the fine spacings that each onset stands for at sample k."""
+def standing(k: int, when: Index, odds: Odds, out: Array, cool: Array) -> None:
+    """Fill, (WIDTH,) each, the log of the fine spacings that each onset stands for at sample k, and 1/temper."""
     for s in range(WIDTH):
         age = k - when[s]
-        out[s] = NOTHING if when[s] < 0 or age < 1 else (LOG4 if age > odds.fine_end else 0.0)
+        seen = when[s] >= 0 and age >= 1
+        out[s] = (LOG4 if age > odds.fine_end else 0.0) if seen else NOTHING
+        cool[s] = 1.0 / odds.temper[min(age, odds.temper.size - 1)] if seen else 1.0
 
 
 @njit(cache=True)
-def weigh(j: int, slots: Slots, odds: Odds, group: Array, out: Array) -> float:
+def grown(mean: float) -> float:
+    """Return by how much evidence is too large, from the ``mean`` of terms cut at `CUT`; 1 where that may be chance.
+
+    A term is exponential; one of mean s has the mean s (1 - e^(-CUT/s)) when cut.
+    """
+    if mean < 1.2:
+        return 1.0
+    size = mean
+    for _ in range(40):
+        size = min(mean / (1.0 - np.exp(-CUT / size)), 1e3)
+    out: float = size if size > 2.0 else max(1.0, 1.0 + (size - 1.3) / 0.7)
+    return out
+
+
+@njit(cache=True)
+def risen(k: int, slots: Slots, odds: Odds, cool: Array) -> float:
+    """Divide ``cool`` by how much rougher the sea is than the one learned from, and return that, 1 or more.
+
+    z'Lam^-1 z/2 over the temper (north, east) of onsets one to three of the shortest groups old, cut so that a lost
+    line weighs little, is averaged over ``memory``, and used as it was half of that before, so that a lost line weighs
+    nothing until it is found. ``slots.rough``: the mean, the largest rise, the last, and a ring of the means.
+    """
+    rough, x, total, count = slots.rough, slots.sums, 0.0, 0
+    if odds.memory == 0.0:
+        return 1.0
+    for s in range(WIDTH):
+        age = k - slots.when[s]
+        if slots.when[s] >= 0 and odds.pulses[0] <= age <= 3 * odds.pulses[0]:
+            z0, z1, a, b, d = x[s], x[WIDTH + s], x[2 * WIDTH + s], x[3 * WIDTH + s], x[4 * WIDTH + s]
+            total += min(0.5 * cool[s] * (d * z0 * z0 - 2.0 * b * z0 * z1 + a * z1 * z1) / (a * d - b * b), CUT)
+            count += 1
+    if count:
+        rough[0] += (total / count - rough[0]) / odds.memory
+    at = 3 + k % (rough.size - 3)
+    rise: float = grown(rough[at])
+    rough[at] = rough[0]
+    rough[1], rough[2] = max(rough[1], rise), rise
+    for s in range(WIDTH):
+        cool[s] /= rise
+    return rise
+
+
+@njit(cache=True)
+def weigh(j: int, slots: Slots, odds: Odds, group: Array, cool: Array, out: Array) -> float:
     """Fill ``out``, two rows, as of column ``j`` of `weighed`, and return the log of its prior."""
-    lines = slots.pulls.size // (3 * WIDTH)
-    if j < lines:
-        weigh_line(j, slots, odds, out)
-        return odds.line
-    if j == lines:
-        weigh_free(0, odds.step, slots, odds, out)
+    losses = slots.pulls.size // (3 * WIDTH)
+    if j < losses:
+        weigh_line(j, slots, odds, cool, out)
+        prior: float = odds.line[j]
+        return prior
+    if j == losses:
+        weigh_free(0, odds.step, slots, cool, out)
         return odds.environment
-    weigh_free(OWN + FREE * (j - lines - 1), group, slots, odds, out)
+    weigh_free(OWN + FREE * (j - losses - 1), group, slots, cool, out)
     return odds.pulse
 
 
 @njit(cache=True)
 def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
-    """Fill ``out``, (s, lines + 4), with prior times likelihood ratio, in logs, at sample k.
+    """Fill ``out``, (s, losses + 4), with prior times likelihood ratio, in logs, at sample k.
 
-    ``group``: (2, 2), N^2, covariance of a wave group's force, earth axes. Columns: lines, step of the environment,
+    ``group``: (2, 2), N^2, covariance of a wave group's force, earth axes. Columns: losses, step of the environment,
     pulses.
     """
-    spacings, worth = np.empty(WIDTH), np.empty(2 * WIDTH)
-    standing(k, slots.when, odds, spacings)
+    spacings, cool, worth = np.empty(WIDTH), np.empty(WIDTH), np.empty(2 * WIDTH)
+    standing(k, slots.when, odds, spacings, cool)
+    cool /= slots.rough[2]
     for j in range(out.shape[1]):
-        prior = weigh(j, slots, odds, group, worth)
+        prior = weigh(j, slots, odds, group, cool, worth)
         for s in range(WIDTH):
             out[s, j] = prior + spacings[s] + worth[s] - 0.5 * np.log(worth[WIDTH + s])
 
@@ -250,9 +305,9 @@ def summed(logs: Array) -> float:
 
 @njit(cache=True)
 def shared(row: Array, chance: Array) -> float:
-    """Return the score and fill ``chance``, (lines + 3,), with the probabilities.
+    """Return the score and fill ``chance``, (losses + 3,), with the probabilities.
 
-    ``row``: (lines + 4,), logs: lines, step of the environment, pulses; in ``chance``: no fault, lines, step, pulse.
+    ``row``: (losses + 4,), logs: losses, step of the environment, pulses; in ``chance``: no fault, lines, step, pulse.
     """
     lines = row.size - 1 - PULSES
     rest, lost = np.zeros(3), summed(row[:lines])
@@ -269,7 +324,7 @@ def shared(row: Array, chance: Array) -> float:
 
 @njit(cache=True)
 def together(logs: Array, score_row: Array) -> float:
-    """Return the score of one sample and fill ``score_row``, (lines + 3,), with the probabilities.
+    """Return the score of one sample and fill ``score_row``, (losses + 3,), with the probabilities.
 
     Order: no fault, lines, step of the environment, pulse. ``logs``: as `weighed` gives them.
     """
@@ -417,7 +472,7 @@ def carried(F: Array, G: Array, FK: Array, whole: Array, rho: Array, d: Array, n
 
 @njit(cache=True)
 def line_pulls(place: Array, rig: Rig, middle: Array) -> Array:
-    """Return each line's pull at ``place``, (lines, 3): N, N, and N m about the fairleads' middle."""
+    """Return what each loss takes at ``place``, (losses, 3): N, N, and N m about the fairleads' middle."""
     out = np.empty((len(rig.anchors), 3))
     c, s = np.cos(place[2]), np.sin(place[2])
     for j in range(len(out)):
@@ -429,7 +484,7 @@ def line_pulls(place: Array, rig: Rig, middle: Array) -> Array:
         arm_n, arm_e = c * (fn - middle[0]) - s * (fe - middle[1]), s * (fn - middle[0]) + c * (fe - middle[1])
         out[j, 0], out[j, 1] = pull * north, pull * east
         out[j, 2] = pull * (arm_n * east - arm_e * north)
-    return out
+    return rig.shares @ out
 
 
 @njit(cache=True)
@@ -494,18 +549,18 @@ def walk(
     """Go over samples ``first`` to ``last`` and return the first whose score is ``stop`` or more, else ``last``.
 
     ``quiet``: no onset begins before this sample. ``innovation``, ``place``: (n, 3). Fills ``score``, (n,), and
-    ``probability``, (n, lines + 3), and carries ``slots`` on.
+    ``probability``, (n, losses + 3), and carries ``slots`` on.
     """
-    scratch, spacings, worth = np.empty((2, 6 * ROW)), np.empty(WIDTH), np.empty(2 * WIDTH)
-    row = np.empty(len(rig.anchors) + 1 + PULSES)
+    scratch, spacings, cool = np.empty((2, 6 * ROW)), np.empty(WIDTH), np.empty(WIDTH)
+    worth, row = np.empty(2 * WIDTH), np.empty(len(rig.shares) + 1 + PULSES)
     for k in range(first, last):
         if not finite(place[k]):
             continue
         G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
-        standing(k, slots.when, odds, spacings)
-        group = in_earth(odds.group, place[k, 2])
+        standing(k, slots.when, odds, spacings, cool)
+        group = in_earth(odds.group, place[k, 2]) * risen(k, slots, odds, cool)
         for j in range(row.size):
-            row[j] = weigh(j, slots, odds, group, worth) + heaped(worth, spacings)
+            row[j] = weigh(j, slots, odds, group, cool, worth) + heaped(worth, spacings)
         score[k] = shared(row, probability[k])
         aged(k, slots, odds)
         if k >= quiet and k % odds.fine == 0:

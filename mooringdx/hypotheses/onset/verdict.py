@@ -10,7 +10,8 @@ import numpy as np
 
 from mooringdx.hypotheses.onset.bank import Beat, Trace
 from mooringdx.hypotheses.onset.kernel import Odds, doubt, summed
-from mooringdx.types import Array, Check, Event, Rival
+from mooringdx.hypotheses.onset.losses import Loss
+from mooringdx.types import Array, Check, Event, Rival, replace
 
 CANNOT_TELL = (
     "position alone cannot refute a squall or a current step along the line, as large as its pull and as sudden; wind "
@@ -18,13 +19,16 @@ CANNOT_TELL = (
 )
 SHARE = 0.05
 LOUD = 1.5
+RISEN = 2.0
+ALIKE = 0.5
+"""What a steady force may differ from a line's pull, as a share of it, to be taken for its loss."""
 
 
 @dataclass(frozen=True)
 class Piece:
     """One walk: from sample ``first`` of the log; its own samples before ``skip`` repeat the walk before.
 
-    ``gone``: the line that was named just before, -1 where none.
+    ``gone``: the loss that was named just before, -1 where none.
     """
 
     first: int
@@ -34,7 +38,7 @@ class Piece:
     nis: float
 
     def after(self) -> Array:
-        """Return the probabilities from ``skip`` on; without another fault it is the line that was named before."""
+        """Return the probabilities from ``skip`` on; without another fault it is the loss that was named before."""
         out = np.array(self.trace.probability[self.skip :])
         if self.gone >= 0:
             out[:, 1 + self.gone] += out[:, 0]
@@ -42,37 +46,38 @@ class Piece:
         return out
 
     def best(self) -> tuple[int, int]:
-        """Return the likeliest line and its likeliest onset, in this walk's samples."""
-        lines = self.trace.pulls.shape[1]
-        worth = np.array([summed(self.trace.logs[:, j].copy()) for j in range(lines)])
-        line = int(np.argmax(worth))
-        return line, int(self.trace.when[int(np.argmax(self.trace.logs[:, line]))])
+        """Return the likeliest loss and its likeliest onset, in this walk's samples."""
+        losses = self.trace.pulls.shape[1]
+        worth = np.array([summed(self.trace.logs[:, j].copy()) for j in range(losses)])
+        loss = int(np.argmax(worth))
+        return loss, int(self.trace.when[int(np.argmax(self.trace.logs[:, loss]))])
 
 
 def events(
     pieces: Sequence[Piece],
-    lines: tuple[str, ...],
+    losses: tuple[Loss, ...],
     odds: Odds,
     times: Beat,
     clock: tuple[float, float],
     warning: float,
     alarm: float,
 ) -> tuple[Event, ...]:
-    """Return one event a named line, and one that cleared for every alarm that did not stand.
+    """Return one event a named line, and one that cleared for every alarm that did not stand; a pair is two events.
 
     ``clock``: s of sample 0, and s between samples.
     """
     out: list[Event] = []
     for one in pieces:
-        out += _passed(one, lines, times, clock, warning, alarm)
+        out += _passed(one, losses, times, clock, warning, alarm)
         if one.trace.alarm >= 0:
-            out.append(_named(one, lines, odds, times, clock, warning, alarm))
+            event = _named(one, losses, odds, times, clock, warning, alarm)
+            out += [replace(event, subject=line) for line in losses[one.best()[0]].lines]
     return tuple(out)
 
 
 def _named(
     one: Piece,
-    lines: tuple[str, ...],
+    losses: tuple[Loss, ...],
     odds: Odds,
     times: Beat,
     clock: tuple[float, float],
@@ -80,16 +85,18 @@ def _named(
     alarm: float,
 ) -> Event:
     trace = one.trace
-    line, _ = one.best()
+    best, _ = one.best()
+    loss = losses[best]
     chance = trace.probability[trace.named]
-    slot = int(np.argmax(trace.logs[:, line]))
-    alpha, sd = _share(trace, slot, trace.pulls[slot, line], odds)
+    slot = int(np.argmax(trace.logs[:, best]))
+    alpha, sd = _share(trace, slot, trace.pulls[slot, best], odds)
     straight = abs(alpha - 1.0) <= 3.0 * odds.along
-    onset, low, high = _onset(trace, line, times)
+    alpha, sd = loss.share * alpha, loss.share * sd
+    onset, low, high = _onset(trace, best, times)
     at = clock[0] + clock[1] * one.first
     return Event(
-        kind="line_lost",
-        subject=lines[line],
+        kind=loss.kind,
+        subject=loss.lines[0],
         onset=at + clock[1] * onset,
         onset_interval=(at + clock[1] * low, at + clock[1] * high),
         detected=at + clock[1] * trace.alarm,
@@ -97,8 +104,8 @@ def _named(
         size=alpha if straight else None,
         size_unit="share of the line's pull" if straight else "",
         size_interval=(alpha - 1.96 * sd, alpha + 1.96 * sd) if straight else None,
-        probability=float(chance[1 + line]),
-        rivals=_rivals(chance, line, lines),
+        probability=float(chance[1 + best]),
+        rivals=_rivals(chance, best, losses),
         cannot_tell=CANNOT_TELL,
         evidence=_evidence(one, slot, odds, clock, warning, alarm),
     )
@@ -109,12 +116,18 @@ def _share(trace: Trace, slot: int, pull: Array, odds: Odds) -> tuple[float, flo
 
     Far from 1 it says that the vessel went further than a straight-line response holds, and nothing of the share.
     """
-    lam, size = trace.lam[slot] / odds.temper, float(np.hypot(pull[0], pull[1]))
+    temper = _temper(trace, slot, odds)
+    lam, size = trace.lam[slot] / temper, float(np.hypot(pull[0], pull[1]))
     c00, c01, c11 = doubt(pull, odds.along, odds.across)
     spread = np.linalg.inv(lam[:2, :2] + np.linalg.inv(np.array([[c00, c01], [c01, c11]])))
-    rest = trace.z[slot] / odds.temper + lam @ pull
+    rest = trace.z[slot] / temper + lam @ pull
     along = pull[:2] / size
     return 1.0 - float(along @ spread @ rest[:2]) / size, float(np.sqrt(along @ spread @ along)) / size
+
+
+def _temper(trace: Trace, slot: int, odds: Odds) -> float:
+    """Return what the evidence of an onset was divided by when the line was named."""
+    return trace.last * float(odds.temper[min(trace.named - int(trace.when[slot]), len(odds.temper) - 1)])
 
 
 def _onset(trace: Trace, line: int, times: Beat) -> tuple[float, float, float]:
@@ -131,18 +144,18 @@ def _onset(trace: Trace, line: int, times: Beat) -> tuple[float, float, float]:
     return float(when[int(np.argmax(logs))]), float(when[low] - 0.5 * before), float(when[high] + 0.5 * after)
 
 
-def _rivals(chance: Array, line: int, lines: tuple[str, ...]) -> tuple[Rival, ...]:
-    """Return what else has a share of 5 % or more, the likeliest first."""
+def _rivals(chance: Array, best: int, losses: tuple[Loss, ...]) -> tuple[Rival, ...]:
+    """Return what else has a share of 5 % or more, the likeliest first, and a step of the environment always."""
+    n = len(losses)
     out = [
-        Rival("line_lost", name, float(chance[1 + j]), "the force that was lost points less along this line")
-        for j, name in enumerate(lines)
-        if j != line and chance[1 + j] >= SHARE
+        Rival(loss.kind, " + ".join(loss.lines), float(chance[1 + j]), "the force that was lost fits this less well")
+        for j, loss in enumerate(losses)
+        if j != best and chance[1 + j] >= SHARE
     ]
-    whys = ("a change of this size along a line is rarer", "it lasts longer than a group of waves does")
-    for i, (subject, why) in enumerate(zip(("force", "wave group"), whys, strict=True)):
-        share = float(chance[len(lines) + 1 + i])
-        if share >= SHARE:
-            out.append(Rival("environment", subject, share, f"{why}; {CANNOT_TELL}" if i == 0 else why))
+    step, group = float(chance[n + 1]), float(chance[n + 2])
+    out.append(Rival("environment", "force", step, f"a change of this size along a line is rarer; {CANNOT_TELL}"))
+    if group >= SHARE:
+        out.append(Rival("environment", "wave group", group, "it lasts longer than a group of waves does"))
     return tuple(sorted(out, key=lambda r: -r.probability))
 
 
@@ -151,7 +164,7 @@ def _evidence(
 ) -> dict[str, Any]:
     trace = one.trace
     lam, z = trace.lam[slot, :2, :2], trace.z[slot, :2]
-    cov = odds.temper * np.linalg.inv(lam)
+    cov = _temper(trace, slot, odds) * np.linalg.inv(lam)
     force = np.linalg.solve(lam, z)
     return {
         "detector": "onset_glr",
@@ -177,7 +190,7 @@ def runs(score: Array, level: float) -> list[tuple[int, int]]:
 
 
 def _passed(
-    one: Piece, lines: tuple[str, ...], times: Beat, clock: tuple[float, float], warning: float, alarm: float
+    one: Piece, losses: tuple[Loss, ...], times: Beat, clock: tuple[float, float], warning: float, alarm: float
 ) -> list[Event]:
     """Return an event for every alarm of this walk that had sunk when it was to be named."""
     trace, out, free = one.trace, [], -1
@@ -187,20 +200,20 @@ def _passed(
         if first < free:
             continue
         free = first + times.confirm + 1
-        line = int(np.argmax(trace.probability[first, 1 : 1 + len(lines)]))
+        best = int(np.argmax(trace.probability[first, 1 : 1 + len(losses)]))
         sunk = np.flatnonzero(trace.score[first:end] < warning)
         stop = first + (int(sunk[0]) if sunk.size else times.confirm)
         rise = at + clock[1] * _rise(trace.score, first, warning)
         out.append(
             Event(
-                kind="line_lost",
-                subject=lines[line],
+                kind=losses[best].kind,
+                subject=losses[best].lines[0],
                 onset=rise,
                 onset_interval=(rise - clock[1] * times.end, rise),
                 detected=at + clock[1] * first,
                 cleared=at + clock[1] * stop,
-                probability=float(trace.probability[first, 1 + line]),
-                rivals=_rivals(trace.probability[first], line, lines),
+                probability=float(trace.probability[first, 1 + best]),
+                rivals=_rivals(trace.probability[first], best, losses),
                 cannot_tell=CANNOT_TELL,
                 evidence={
                     "detector": "onset_glr",
@@ -224,7 +237,7 @@ def checks(
     blind = [line for line, row in observability.items() if not row["observable"]]
     some = max(observability.values(), key=lambda row: -row["r"])
     least = min(row["r"] for row in observability.values())
-    loud = pieces[0].nis / 3.0
+    loud, rise = pieces[0].nis / 3.0, max(one.trace.rise for one in pieces)
     warned = runs(score, warning)
     spent = sum(b - a for a, b in warned) * clock[1]
     first = f", the first from {clock[0] + clock[1] * warned[0][0]:.0f} s" if warned else ""
@@ -241,7 +254,33 @@ def checks(
             "" if loud <= LOUD else "the sea is rougher than in the no-fault window: fit on a window of this sea",
         ),
         Check(
+            "sea as learned", "position", bool(rise <= RISEN),
+            f"slow forces gathered {rise:.2f} times the evidence of the no-fault window at most; evidence was lowered "
+            "by as much", rise, RISEN, "1",
+            "" if rise <= RISEN else "losses are found later, or not: fit on a window of this sea",
+        ),
+        Check(
             "warnings", "lines", True,
             f"{len(warned)} over {warning:g}{first}, {spent:.0f} s in all", float(len(warned)),
         ),
+    )  # fmt: skip
+
+
+def steady(change: Array, losses: Array, lines: Sequence[str]) -> Check:
+    """Return how a steady force has changed, (2,), N, north and east, beside what lost lines do, (lines, 2), N.
+
+    A line that was lost between the no-fault window and the log leaves no onset: it looks like a current.
+    """
+    if not np.isfinite(change).all():
+        return Check("steady force", "position", True, "not known: the log is shorter than the warm-up", None)
+    size = float(np.hypot(*change))
+    near = int(np.argmin(np.hypot(*(losses - change).T)))
+    whole = float(np.hypot(*losses[near]))
+    left = float(np.hypot(*(losses[near] - change))) / whole
+    towards = float(np.degrees(np.arctan2(change[1], change[0]))) % 360.0
+    words = f"{size / 1e3:.3g} kN towards {towards:.0f} deg more than in the no-fault window; nearest to the loss of "
+    words += f"{lines[near]}, which is {whole / 1e3:.3g} kN"
+    return Check(
+        "steady force", "position", left >= ALIKE, words, 1.0 - left, 1.0 - ALIKE, "1",
+        "" if left >= ALIKE else f"see whether {lines[near]} was lost before this log: a current looks the same here",
     )  # fmt: skip

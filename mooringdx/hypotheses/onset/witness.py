@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
-from mooringdx.hypotheses.onset.bank import Beat, empty, tuned
+from mooringdx.hypotheses.onset.bank import Beat, empty, rig_of, tuned
 from mooringdx.hypotheses.onset.kernel import (
     ROW,
     WIDTH,
@@ -35,6 +35,7 @@ from mooringdx.hypotheses.onset.kernel import (
     born,
     finite,
     line_pulls,
+    standing,
     stepped,
     summed,
     weigh_line,
@@ -131,10 +132,7 @@ def ratio(sight: Sight, line: str, onsets: Index, last: int, odds: Odds) -> Arra
 
     ``onsets``: (m,), ascending samples of the sight. A sample without a fix keeps the value before it.
     """
-    rig = Rig(
-        sight.mooring.anchors, sight.mooring.fairleads, sight.mooring.start, sight.mooring.step,
-        sight.mooring.horizontal,
-    )  # fmt: skip
+    rig = rig_of(sight.mooring)
     out = np.zeros(max(last - int(onsets[0]), 0))
     _followed(
         onsets, last, sight.estimate.innovation, sight.estimate.position, tuned(sight.models), rig,
@@ -152,13 +150,15 @@ def _followed(
     """Fill ``out`` with L from the first of ``onsets`` on."""
     first, begun = onsets[0], 0
     logs, worth, scratch = np.zeros(onsets.size), np.empty(2 * WIDTH), np.empty((2, 6 * ROW))
+    spacings, cool = np.empty(WIDTH), np.empty(WIDTH)
     for k in range(first, last):
         if k > first:
             out[k - first] = out[k - first - 1]
         if not finite(place[k]):
             continue
         G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
-        weigh_line(line, slots, odds, worth)
+        standing(k, slots.when, odds, spacings, cool)
+        weigh_line(line, slots, odds, cool, worth)
         for s in range(begun):
             logs[s] = worth[s] - 0.5 * np.log(worth[WIDTH + s])
         out[k - first] = summed(logs) - np.log(onsets.size)
