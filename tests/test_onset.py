@@ -314,7 +314,7 @@ def test_white_innovations_need_no_temper_at_any_age() -> None:
 
 def test_slow_drift_is_tempered_the_more_the_longer_it_is_gathered() -> None:
     times = beat(1.0, 1.0)
-    temper, _ = tempers(*innovations(0.3), odds(times, 1.0), times, 1.0)
+    temper, _ = tempers(*innovations(0.12), odds(times, 1.0), times, 1.0)
     assert (np.diff(temper) >= 0.0).all()
     assert temper[2] < 1.3
     assert temper[24] > 1.5 * temper[2]

@@ -205,7 +205,7 @@ def _first_guess(
 
 
 def steady_bias(record: Record, mooring: Mooring | None, count: int = 0) -> Array:
-    """Return minus the mean of all known forces, (3,), earth axes, over the first ``count`` samples, or the first fifth."""
+    """Return minus the mean known force, (3,), earth axes, over the first ``count`` samples, or the first fifth."""
     first = slice(0, count or max(1, len(record.measured) // 5))
     eta, body = record.measured[first], record.force[first]
     good = np.isfinite(eta).all(axis=1)

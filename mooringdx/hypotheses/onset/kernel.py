@@ -224,8 +224,10 @@ def risen(k: int, slots: Slots, odds: Odds, cool: Array) -> float:
         age = k - slots.when[s]
         if slots.when[s] >= 0 and odds.pulses[0] <= age <= 3 * odds.pulses[0]:
             z0, z1, a, b, d = x[s], x[WIDTH + s], x[2 * WIDTH + s], x[3 * WIDTH + s], x[4 * WIDTH + s]
-            total += min(0.5 * cool[s] * (d * z0 * z0 - 2.0 * b * z0 * z1 + a * z1 * z1) / (a * d - b * b), CUT)
-            count += 1
+            det = a * d - b * b
+            if det > 0.0:  # nothing was gathered in a gap
+                total += min(0.5 * cool[s] * (d * z0 * z0 - 2.0 * b * z0 * z1 + a * z1 * z1) / det, CUT)
+                count += 1
     if count:
         rough[0] += (total / count - rough[0]) / odds.memory
     at = 3 + k % (rough.size - 3)

@@ -18,6 +18,8 @@ CANNOT_TELL = (
     "or a tension can"
 )
 SHARE = 0.05
+STRAIGHT = 0.03
+"""Sd of a size, as a share of a pull: the lines that are left do not give way in a straight line."""
 LOUD = 1.5
 RISEN = 2.0
 ALIKE = 0.5
@@ -122,7 +124,8 @@ def _share(trace: Trace, slot: int, pull: Array, odds: Odds) -> tuple[float, flo
     spread = np.linalg.inv(lam[:2, :2] + np.linalg.inv(np.array([[c00, c01], [c01, c11]])))
     rest = trace.z[slot] / temper + lam @ pull
     along = pull[:2] / size
-    return 1.0 - float(along @ spread @ rest[:2]) / size, float(np.sqrt(along @ spread @ along)) / size
+    sd = float(np.sqrt(along @ spread @ along)) / size
+    return 1.0 - float(along @ spread @ rest[:2]) / size, float(np.hypot(sd, STRAIGHT))
 
 
 def _temper(trace: Trace, slot: int, odds: Odds) -> float:
@@ -131,7 +134,7 @@ def _temper(trace: Trace, slot: int, odds: Odds) -> float:
 
 
 def _onset(trace: Trace, line: int, times: Beat) -> tuple[float, float, float]:
-    """Return the likeliest onset and its 95 % interval, samples; an onset stands for what is nearest to it."""
+    """Return the likeliest onset and its 95 % interval, samples, no finer than its neighbours on either side."""
     kept = np.flatnonzero(trace.when >= 0)
     kept = kept[np.argsort(trace.when[kept])]
     when, logs = trace.when[kept].astype(np.float64), trace.logs[kept, line]
@@ -141,7 +144,7 @@ def _onset(trace: Trace, line: int, times: Beat) -> tuple[float, float, float]:
     high = min(high, len(when) - 1)
     before = when[low] - when[low - 1] if low else float(times.fine)
     after = when[high + 1] - when[high] if high + 1 < len(when) else float(times.fine)
-    return float(when[int(np.argmax(logs))]), float(when[low] - 0.5 * before), float(when[high] + 0.5 * after)
+    return float(when[int(np.argmax(logs))]), float(when[low] - before), float(when[high] + after)
 
 
 def _rivals(chance: Array, best: int, losses: tuple[Loss, ...]) -> tuple[Rival, ...]:
