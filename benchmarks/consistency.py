@@ -17,22 +17,11 @@ from onset import LEARN, SEAS, log_of, run_file, scenario
 
 from mooringdx.hypotheses.onset_glr import OnsetGlr
 from mooringdx.observers.ekf import Vessel, ekf
-from mooringdx.observers.kalman import Estimate
+from mooringdx.observers.kalman import Estimate, correlation
 from mooringdx.observers.ukf import ukf
 from mooringdx.residuals.training import Training
-from mooringdx.types import Array
 
 START, LAGS = 600, 60
-
-
-def largest_correlation(innovation: Array) -> float:
-    """Return max |acf| over lags 1 to 60 and the columns of ``innovation``, (n, 3)."""
-    worst = 0.0
-    for column in innovation.T:
-        x = column - column.mean()
-        power = float(x @ x)
-        worst = max(worst, *(abs(float(x[lag:] @ x[:-lag])) / power for lag in range(1, LAGS + 1)))
-    return worst
 
 
 def estimates(sea: str, seed: int) -> dict[str, Estimate]:
@@ -60,7 +49,7 @@ def main() -> None:
     rows: dict[str, list[tuple[float, float]]] = {}
     for seed in range(asked.first, asked.first + asked.seeds):
         for name, one in estimates(asked.sea, seed).items():
-            row = (float(np.nanmean(one.nis[START:])), largest_correlation(one.innovation[START:]))
+            row = (float(np.nanmean(one.nis[START:])), correlation(one.innovation[START:], LAGS))
             rows.setdefault(name, []).append(row)
     for name, found in rows.items():
         nis, acf = np.array(found).T

@@ -138,7 +138,7 @@ class Baseline:
     def text(self) -> str:
         """Return what `fit` prints: the candidates with their smallest faults, the levels, the rate in words."""
         if self.fitted is None:
-            return f"position-only bank: {self.reason}"
+            return "\n".join([f"position-only bank: {self.reason}", *self._banks()])
         timing = self.fitted.timing
         seconds = timing.measured * timing.sample_time
         lines = [f"no-fault record {seconds:.0f} s, peak period {timing.peak_period:.3g} s; {_windows(timing)}"]
@@ -150,7 +150,14 @@ class Baseline:
         lines.append(" " * 48 + "".join(f"{h:>24s}" for h in head))
         for fault in self.choice[0]["smallest"]:
             lines.append(f"  {fault:46s}" + "".join(f"{row['smallest'][fault]:>24s}" for row in self.choice))
-        return "\n".join([*lines, *self._levels()])
+        return "\n".join([*lines, *self._levels(), *self._banks()])
+
+    def _banks(self) -> list[str]:
+        """Return what each fitted bank says of itself."""
+        from mooringdx.hypotheses import HYPOTHESES
+
+        made = ((word, HYPOTHESES[word].from_dict(body)) for word, body in self.banks.items() if word in HYPOTHESES)
+        return [f"  {word}: {line}" for word, bank in made if hasattr(bank, "summary") for line in bank.summary()]
 
     def _levels(self) -> list[str]:
         lines = []

@@ -53,7 +53,7 @@ from mooringdx.observers.feedforward import (
 )
 from mooringdx.observers.forces import wind_force
 from mooringdx.observers.identify import Identified, Record, identify, steady_bias
-from mooringdx.observers.kalman import Filter, held
+from mooringdx.observers.kalman import Filter, correlation, held
 from mooringdx.observers.matrices import Noise, Plant, plant_of
 from mooringdx.physics.frames import rotation, unwrapped
 from mooringdx.physics.mooring import Mooring
@@ -91,7 +91,7 @@ class OnsetGlr:
     log's clock in one of the bank's, ``step``: s of the latter. ``rates``: 1/s at full scale, of all lines, an
     environmental step, a wave group. ``temper``: what evidence is divided by, one number each fine spacing of
     an onset's age; ``drift``: (2,), N, the mean slow drift in surge and what stands for it in sway; ``nis``: of the
-    filter on the no-fault window, 3 when matched; ``spread``: mean z'Lam^-1 z/2 there. ``feeds``: forces learned from
+    filter on the no-fault window, 3 when matched; ``acf``: largest autocorrelation of its innovations; ``spread``: mean z'Lam^-1 z/2 there. ``feeds``: forces learned from
     waves or motions; ``gusts``: R^2 of the wind's force. ``pairs``, ``partial``: as in the run file.
     """
 
@@ -112,6 +112,7 @@ class OnsetGlr:
     alarm: float
     drift: tuple[float, float]
     nis: float
+    acf: float
     spread: float
     feeds: tuple[Feed, ...] = ()
     gusts: tuple[float, float, float] | None = None
@@ -151,6 +152,7 @@ class OnsetGlr:
             alarm=run.bank.alarm,
             drift=(0.0, 0.0),
             nis=np.nan,
+            acf=np.nan,
             spread=np.nan,
             pairs=run.bank.pairs,
             partial=tuple(run.bank.partial),
@@ -203,7 +205,7 @@ class OnsetGlr:
         models = filtering.models(eta[:, 2])
         estimate = filtering(eta, force, bias=new.bias, models=models)
         temper, seen = tempers(estimate, models, new.mooring, new.odds, new.beat, float(self.temper[0]))
-        return replace(new, spread=seen, temper=locked(temper))
+        return replace(new, spread=seen, temper=locked(temper), acf=correlation(estimate.innovation, new._lags()))
 
     def _noise(self, record: Record, middle: Array) -> Identified:
         """Return the noise of a record; where what was taken for waves is too slow for any, sought above that.
@@ -360,6 +362,23 @@ class OnsetGlr:
                 "sentence": f"{name}: {why}" + ("" if seen else "; not observable in this sea"),
             }
         return out
+
+    def _lags(self) -> int:
+        """Return how many lags of a second at full scale, up to a minute, the innovations are held to be white over."""
+        return max(1, round(60.0 / (self.time_scale * self.step)))
+
+    def summary(self) -> tuple[str, ...]:
+        """Return what the fit found, in lines: consistency, whiteness, temper, what can be seen, what is fed forward."""
+        rows = self.observability()
+        weakest = min(rows.values(), key=lambda row: row["r"])
+        half = self.temper[min(12, len(self.temper) - 1)]
+        out = [
+            f"innovations: mean normalised square {self.nis:.2f} (3 when consistent), largest autocorrelation over "
+            f"1 to 60 s {self.acf:.3f} (0 when white)",
+            f"evidence divided by {self.temper[1]:.2f} at 5 s, {half:.2f} at 60 s, {self.temper[-1]:.2f} at 15 min",
+            f"weakest line: {weakest['sentence']}",
+        ]
+        return (*out, *(f"feed-forward: {feed.sentence}" for feed in self.feeds))
 
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping; it holds the lines' tables, so that no statics are solved again."""

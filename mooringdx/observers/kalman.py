@@ -132,6 +132,19 @@ class Filter:
 _NO_LINES = Mooring((), np.zeros((0, 2)), np.zeros((0, 2)), 0.0, 1.0, np.zeros((0, 2)), np.zeros((0, 2)))
 
 
+def correlation(innovation: Array, lags: int) -> float:
+    """Return the largest autocorrelation, absolute, of any column of (n, 3) over lags of 1 to ``lags`` samples.
+
+    Rows with a NaN are left out: 0 when white, where n samples scatter by n^-1/2.
+    """
+    worst = 0.0
+    for column in innovation[np.isfinite(innovation).all(axis=1)].T:
+        x = column - column.mean()
+        power = max(float(x @ x), 1e-300)
+        worst = max(worst, *(abs(float(x[lag:] @ x[:-lag])) / power for lag in range(1, min(lags, len(x) - 1) + 1)))
+    return worst
+
+
 def held(values: Array) -> Array:
     """Return (n, c) with every NaN replaced by the last finite value of its column, zero before the first."""
     out = np.array(values, dtype=np.float64)

@@ -165,6 +165,10 @@ class Thesis:
         detail = f"{count} alarms of a published method, here to be reproduced: it alarms often on long logs"
         return Check("a bank to compare with", self.word, False, detail, remedy='decide by [bank] use = ["onset_glr"]')
 
+    def summary(self) -> tuple[str, ...]:
+        """Return what the fit found, in lines: where the error covariance of each hypothesis is from."""
+        return (self._taught().detail,)
+
     def to_dict(self) -> dict[str, Any]:
         """Return a JSON-safe mapping."""
         body: dict[str, Any] = encode(self)
