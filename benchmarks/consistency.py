@@ -29,9 +29,9 @@ def estimates(sea: str, seed: int) -> dict[str, Estimate]:
     run = run_file()
     learn = log_of(scenario(sea, LEARN), seed, 7 * seed, run)
     bank = OnsetGlr.fit([Training(learn, (slice(0, learn.grid.n),))], run)
-    eta, force = bank._inputs(log_of(scenario(sea, LEARN + START), seed, 7 * seed + 3, run))
+    eta, force = bank.inputs(log_of(scenario(sea, LEARN + START), seed, 7 * seed + 3, run))
     vessel = Vessel(bank.plant, bank.noise, bank.step, bank.mooring)
-    kalman = bank._filter(bank.mooring)
+    kalman = bank.filtering(bank.mooring)
     return {
         "kalman": kalman(eta, force, bias=bank.bias, models=kalman.models(eta[:, 2])),
         "extended": ekf(vessel, eta, force),

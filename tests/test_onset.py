@@ -535,7 +535,7 @@ def test_what_the_bank_needs_is_asked_for(bank: OnsetGlr, lost: Channels) -> Non
 def test_an_alarm_stops_the_walk_a_minute_later(bank: OnsetGlr, lost: Channels) -> None:
     mooring = bank.mooring
     filtering = Filter(bank.plant, bank.noise, bank.step, mooring, bank.place)
-    eta, force = bank._inputs(lost)
+    eta, force = bank.inputs(lost)
     models = filtering.models(eta[:, 2])
     trace = over(filtering(eta, force, bias=bank.bias, models=models), models, mooring, bank.odds, bank.beat, 0.0, -3.0)
     assert trace.named == trace.alarm + bank.beat.confirm

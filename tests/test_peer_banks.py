@@ -279,7 +279,7 @@ def test_a_steady_current_of_half_a_line_is_a_loss_only_where_no_bias_takes_it_u
 def test_the_shared_bias_is_a_mean_that_is_late(learned: tuple[OnsetGlr, list[Training]], lost: Channels) -> None:
     one = peer(learned, "shared_bias", peers={"memory": 300.0, "delay": 60.0})
     base = learned[0]
-    eta, force = base._inputs(lost)
+    eta, force = base.inputs(lost)
     bias = Filter(base.plant, base.noise, base.step, base.mooring, base.place)(eta, force, bias=base.bias).bias
     got = one._shared(eta, force)
     np.testing.assert_allclose(got[900], bias[541:841].mean(axis=0), rtol=1e-9)

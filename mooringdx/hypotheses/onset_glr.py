@@ -89,10 +89,11 @@ class OnsetGlr:
     ``place``: (3,), m, m, rad, of the no-fault window; ``origin``: (2,), m; ``wind``: force coefficients (3,);
     ``known``: channels whose force is known; ``bias``: (3,), N, N, N m, the filter's start. ``thin``: samples of the
     log's clock in one of the bank's, ``step``: s of the latter. ``rates``: 1/s at full scale, of all lines, an
-    environmental step, a wave group. ``temper``: what evidence is divided by, one number each fine spacing of
-    an onset's age; ``drift``: (2,), N, the mean slow drift in surge and what stands for it in sway; ``nis``: of the
-    filter on the no-fault window, 3 when matched; ``acf``: largest autocorrelation of its innovations; ``spread``: mean z'Lam^-1 z/2 there. ``feeds``: forces learned from
-    waves or motions; ``gusts``: R^2 of the wind's force. ``pairs``, ``partial``: as in the run file.
+    environmental step, a wave group. ``temper``: (ages,), what evidence is divided by, one number each fine spacing
+    of an onset's age; ``drift``: (2,), N, the mean slow drift in surge and what stands for it in sway. Of the filter on
+    the no-fault window: ``nis``, 3 when consistent, ``acf``, the largest autocorrelation of its innovations,
+    ``spread``, the mean z'Lam^-1 z/2. ``feeds``: forces learned from waves or motions; ``gusts``: R^2 of the wind's
+    force. ``pairs``, ``partial``: as in the run file.
     """
 
     mooring: Mooring
@@ -157,25 +158,25 @@ class OnsetGlr:
             pairs=run.bank.pairs,
             partial=tuple(run.bank.partial),
         )
-        eta, force = draft._inputs(longest.channels, piece)
+        eta, force = draft.inputs(longest.channels, piece)
         plain = draft._identified(eta, force)
         return plain if run.bank.feed_forward == "off" else plain._fed(longest.channels, piece, run.bank)
 
     def _fed(self, channels: Channels, piece: slice, bank: BankPart) -> OnsetGlr:
         """Weigh the forces of wind, waves and motions on the no-fault piece, and learn anew what is left with them."""
         new = self
-        eta, force = self._inputs(channels, piece)
+        eta, force = self.inputs(channels, piece)
         skip = min(self.beat.warm, len(eta) // 4)
         if set(_WIND) <= set(self.known):
             calm = replace(self, known=tuple(c for c in self.known if c not in _WIND))
-            bare = calm._inputs(channels, piece)[1]
-            gusts = removed(Ground(self._filter(self.mooring), eta, bare, self.bias, skip), force - bare)
+            bare = calm.inputs(channels, piece)[1]
+            gusts = removed(Ground(self.filtering(self.mooring), eta, bare, self.bias, skip), force - bare)
             new = replace(self, gusts=gusts)
             if min(gusts[:2]) < HARM:
                 calm = replace(calm, gusts=gusts, rates=_rates(bank, calm.known), temper=_flat(bank))
                 new, force = calm._identified(eta, bare), bare
         feeds = learned(
-            Ground(new._filter(new.mooring), eta, force, new.bias, skip),
+            Ground(new.filtering(new.mooring), eta, force, new.bias, skip),
             channels.names,
             lambda names: new._squares(channels, piece, names),
             1.0 / (self.time_scale * self.step),
@@ -186,7 +187,7 @@ class OnsetGlr:
         if not used:
             return new
         fed = replace(new, known=(*new.known, *used), temper=_flat(bank))
-        return fed._identified(*fed._inputs(channels, piece))
+        return fed._identified(*fed.inputs(channels, piece))
 
     def _squares(self, channels: Channels, piece: slice, names: Sequence[str]) -> Array:
         columns = [channels.names.index(c) for c in names]
@@ -201,7 +202,7 @@ class OnsetGlr:
         new = replace(
             self, noise=found.noise, place=place, bias=locked(found.bias), drift=mean_drift(found.noise), nis=found.nis
         )
-        filtering = new._filter(new.mooring)
+        filtering = new.filtering(new.mooring)
         models = filtering.models(eta[:, 2])
         estimate = filtering(eta, force, bias=new.bias, models=models)
         temper, seen = tempers(estimate, models, new.mooring, new.odds, new.beat, float(self.temper[0]))
@@ -239,10 +240,11 @@ class OnsetGlr:
         """What may be gone."""
         return losses(self.mooring.names, self.pairs, self.partial)
 
-    def _filter(self, mooring: Mooring) -> Filter:
+    def filtering(self, mooring: Mooring) -> Filter:
+        """Return the filter that knows of no fault, with the lines of ``mooring``."""
         return Filter(self.plant, self.noise, self.step, mooring, self.place)
 
-    def _inputs(self, channels: Channels, piece: slice = slice(None)) -> tuple[Array, Array]:
+    def inputs(self, channels: Channels, piece: slice = slice(None)) -> tuple[Array, Array]:
         """Return eta from the neutral place and the known force in body axes, (m, 3) each, every ``thin``-th sample.
 
         Forces are averaged over what is left out, because the filter holds them from sample to sample.
@@ -281,7 +283,7 @@ class OnsetGlr:
             raise ConfigError(
                 f"[bank] {BANK}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
             )
-        eta, force = self._inputs(channels)
+        eta, force = self.inputs(channels)
         pieces, sights = self._pieces(eta, force)
         n = len(eta)
         weighed = self.losses
@@ -309,7 +311,7 @@ class OnsetGlr:
         sights: list[Sight] = []
         weighed, lost = self.losses, shares(self.losses, mooring.names)
         while True:
-            filtering = self._filter(mooring)
+            filtering = self.filtering(mooring)
             models = filtering.models(eta[first:, 2])
             estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
             quiet = self.beat.again if out else self.beat.warm
@@ -344,7 +346,7 @@ class OnsetGlr:
         r = H^2 / (2 S_F along the line), S_F the white force that was identified: the sea of the no-fault window.
         """
         horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
-        one = self._filter(self.mooring).model(self.place[2])
+        one = self.filtering(self.mooring).model(self.place[2])
         lam = information(one, self.mooring.fairleads.mean(axis=0), self.beat.end)[:2, :2] / self.temper[-1]
         turn = rotation(self.place[2])[:2, :2]
         white = turn @ np.diag(self.noise.force[:2]) @ turn.T
@@ -368,7 +370,7 @@ class OnsetGlr:
         return max(1, round(60.0 / (self.time_scale * self.step)))
 
     def summary(self) -> tuple[str, ...]:
-        """Return what the fit found, in lines: consistency, whiteness, temper, what can be seen, what is fed forward."""
+        """Return what the fit found, in lines: consistency, whiteness, temper, the weakest line, feed-forward."""
         rows = self.observability()
         weakest = min(rows.values(), key=lambda row: row["r"])
         half = self.temper[min(12, len(self.temper) - 1)]

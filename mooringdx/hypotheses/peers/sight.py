@@ -18,5 +18,5 @@ def inputs(base: OnsetGlr, channels: Channels, word: str, piece: slice = slice(N
         raise ConfigError(
             f"[bank] {word}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
         )
-    out: tuple[Array, Array] = base._inputs(channels, piece)
+    out: tuple[Array, Array] = base.inputs(channels, piece)
     return out
