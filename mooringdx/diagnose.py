@@ -349,8 +349,8 @@ def judged(statistics: Sequence[Statistic], posteriors: Sequence[Posterior], cha
     """Return the share of the log's samples at which a verdict was possible."""
     if statistics:
         return float(np.isfinite(statistics[0].values).any(axis=1).mean()) if channels.grid.n else 0.0
-    if posteriors:
-        return float(channels.valid.any(axis=1).mean())
+    if posteriors and channels.grid.n:
+        return max(len(p.time) for p in posteriors) / channels.grid.n
     return 0.0
 
 

@@ -50,7 +50,9 @@ def sight(n: int, lost: int | None = None, onset: int = 0, seed: int = 3) -> Sig
         errors -= rho @ pull(mooring, place[onset], lost)
     nothing = np.full((n, 3), np.nan)
     slow = place, nothing, nothing, errors, nothing[:, 0]
-    return Sight(0, 0, Estimate(*slow, np.eye(3), np.zeros(15), np.zeros((0, 0))), models, mooring)
+    return Sight(
+        0, 0, Estimate(*slow, np.eye(3), np.zeros(15), np.zeros((0, 0))), models, mooring, QUICK.warm, np.ones(n)
+    )
 
 
 def pull(mooring: Mooring, place: Array, line: int) -> Array:

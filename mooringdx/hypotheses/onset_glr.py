@@ -158,9 +158,19 @@ class OnsetGlr:
             pairs=run.bank.pairs,
             partial=tuple(run.bank.partial),
         )
+        piece = draft._whole(longest.channels, piece)
         eta, force = draft.inputs(longest.channels, piece)
         plain = draft._identified(eta, force)
         return plain if run.bank.feed_forward == "off" else plain._fed(longest.channels, piece, run.bank)
+
+    def _whole(self, channels: Channels, piece: slice) -> slice:
+        """Return the longest stretch of a piece without a gap of half a minute, in samples of the log's clock."""
+        eta, _ = self.inputs(channels, piece)
+        parts = stretches(eta, 6 * self.beat.fine)
+        if len(parts) < 2:
+            return piece
+        best = max(parts, key=lambda part: part.stop - part.start)
+        return slice(piece.start + self.thin * best.start, piece.start + self.thin * best.stop)
 
     def _fed(self, channels: Channels, piece: slice, bank: BankPart) -> OnsetGlr:
         """Weigh the forces of wind, waves and motions on the no-fault piece, and learn anew what is left with them."""
@@ -289,43 +299,68 @@ class OnsetGlr:
         weighed = self.losses
         score, probability = np.full(n, np.nan), np.zeros((n, len(weighed) + 3))
         for one in pieces:
-            score[one.first + one.skip :] = one.trace.score[one.skip :]
-            probability[one.first + one.skip :] = one.after()
+            rows = slice(one.first + one.skip, one.first + len(one.trace.score))
+            score[rows], probability[rows] = one.trace.score[one.skip :], one.after()
         grid = channels.grid
         row = np.minimum(np.arange(grid.n) // self.thin, n - 1)
+        judged = np.isfinite(score[row])
         names = ("no fault", *(loss.name for loss in weighed), "environment", "wave group")
-        posterior = Posterior(BANK, names, grid.time, probability[row])
+        posterior = Posterior(BANK, names, grid.time[judged], probability[row][judged])
         clock = (grid.start, self.step)
         found = events(pieces, weighed, self.odds, self.beat, clock, self.warning, self.alarm)
-        rows = checks(pieces, score, self.observability(), self.warning, clock)
+        told_of = checks(pieces, score, self.observability(), self.warning, clock)
         squares = [
             self._squares(channels, slice(None), f.channels) if any(f.on) else np.zeros((0, 0)) for f in self.feeds
         ]
-        rows = (*rows, self._steady(pieces[0], sights[0]), *told(self.feeds, self.gusts, squares))
-        return posterior, found, rows, Witness(sights, self.odds, self.beat, clock)
+        told_of = (*told_of, *self._steady(pieces, sights), *told(self.feeds, self.gusts, squares))
+        return posterior, found, told_of, Witness(sights, self.odds, self.beat, clock)
 
     def _pieces(self, eta: Array, force: Array) -> tuple[list[Piece], tuple[Sight, ...]]:
-        """Return one walk after another: each ends where a line was named, the next is without that line."""
-        mooring, first, skip, gone, bias = self.mooring, 0, 0, -1, self._start(eta, force)
+        """Return one walk after another: each ends where a line was named, the next is without that line.
+
+        A gap of half a minute ends a walk too: the filter that comes out of it knows less than its steady gain says.
+        """
         out: list[Piece] = []
         sights: list[Sight] = []
-        weighed, lost = self.losses, shares(self.losses, mooring.names)
-        while True:
-            filtering = self.filtering(mooring)
-            models = filtering.models(eta[first:, 2])
-            estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
-            quiet = self.beat.again if out else self.beat.warm
-            trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, self.warning, lost, quiet)
-            until = None if trace.alarm < 0 else max(trace.alarm - self.beat.confirm, 1)
-            out.append(Piece(first, skip, gone, trace, _mean(estimate.nis[:until])))
-            sights.append(Sight(first, skip, estimate, models, mooring))
-            if trace.alarm < 0 or first + trace.named >= len(eta) - 2:
-                return out, tuple(sights)
-            gone, onset = out[-1].best()
-            mooring = weighed[gone].after(mooring)
-            bias = np.array(estimate.bias[max(onset - 1, 0)])
-            skip = trace.named - onset + 1
-            first += onset
+        mooring, gone, bias, end = self.mooring, -1, self.bias, -self.beat.warm
+        for part in stretches(eta, 6 * self.beat.fine):
+            near = part.start - end < self.beat.warm // 2
+            bias = bias if near else self._start(eta[part], force[part])
+            quiet, since, first, skip = self.beat.again if near else self.beat.warm, end, part.start, 0
+            while True:
+                one, sight = self._walk(
+                    eta[: part.stop], force[: part.stop], (first, skip, gone, since, quiet), mooring, bias
+                )
+                out.append(one)
+                sights.append(sight)
+                trace, filtered = one.trace, sight.estimate.bias
+                if trace.alarm < 0 or first + trace.named >= part.stop - 2:
+                    bias = np.array(filtered[-1])
+                    break
+                gone, onset = one.best()
+                mooring = self.losses[gone].after(mooring)
+                bias = np.array(filtered[max(onset - 1, 0)])
+                skip, since, quiet = trace.named - onset + 1, first + onset, self.beat.again
+                first += onset
+            if trace.alarm >= 0:
+                gone = one.best()[0]
+                mooring = self.losses[gone].after(mooring)
+            end = part.stop
+        return out, tuple(sights)
+
+    def _walk(
+        self, eta: Array, force: Array, where: tuple[int, int, int, int, int], mooring: Mooring, bias: Array
+    ) -> tuple[Piece, Sight]:
+        """Return one walk from sample ``where[0]`` on; ``where``: first, skip, gone, since, quiet of `Piece`."""
+        first, skip, gone, since, quiet = where
+        filtering = self.filtering(mooring)
+        models = filtering.models(eta[first:, 2])
+        estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
+        lost = shares(self.losses, mooring.names)
+        trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, lost, quiet)
+        until = None if trace.alarm < 0 else max(trace.alarm - self.beat.confirm, 1)
+        piece = Piece(first, skip, gone, trace, _mean(estimate.nis[:until]), quiet, since)
+        return piece, Sight(first, skip, estimate, models, mooring, quiet, trace.rise)
 
     def _start(self, eta: Array, force: Array) -> Array:
         """Return the steady force of a log's warm-up: it may lie in another current than the no-fault window."""
@@ -333,12 +368,15 @@ class OnsetGlr:
         record = Record(eta, force, np.zeros(eta.shape), self.step)
         return steady_bias(record, self.mooring, self.beat.warm) if seen else self.bias
 
-    def _steady(self, walked: Piece, sight: Sight) -> Check:
+    def _steady(self, pieces: Sequence[Piece], sights: Sequence[Sight]) -> tuple[Check, ...]:
         """Return how the steady force has changed since the no-fault window, and which lost line looks the same."""
-        last = walked.trace.alarm - self.beat.end if walked.trace.alarm >= 0 else len(sight.estimate.bias)
-        quiet = sight.estimate.bias[self.beat.warm : max(last, 2 * self.beat.warm), :2]
+        if not pieces:
+            return ()
+        trace, bias = pieces[0].trace, sights[0].estimate.bias
+        last = trace.alarm - self.beat.end if trace.alarm >= 0 else len(bias)
+        quiet = bias[self.beat.warm : max(last, 2 * self.beat.warm), :2]
         horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
-        return steady(_means(quiet) - self.bias[:2], -horizontal[:, None] * direction, self.mooring.names)
+        return (steady(_means(quiet) - self.bias[:2], -horizontal[:, None] * direction, self.mooring.names),)
 
     def observability(self) -> dict[str, dict[str, Any]]:
         """Return, a line, the information rate ``r``, nats/s at full scale, if its loss is ``observable``, and why.
@@ -392,6 +430,16 @@ class OnsetGlr:
         """Rebuild what `to_dict` gave."""
         out: OnsetGlr = decode(cls, body)
         return out
+
+
+def stretches(eta: Array, longest: int) -> tuple[slice, ...]:
+    """Return the stretches of a record, (n, 3), between gaps of ``longest`` samples or more without a fix."""
+    seen = np.flatnonzero(np.isfinite(eta).all(axis=1))
+    if not seen.size:
+        return ()
+    cut = np.flatnonzero(np.diff(seen) > longest)
+    starts, stops = [int(seen[0]), *seen[cut + 1].tolist()], [*(seen[cut] + 1).tolist(), int(seen[-1]) + 1]
+    return tuple(slice(a, b) for a, b in zip(starts, stops, strict=True) if b - a > 1)
 
 
 def _flat(bank: BankPart) -> Array:

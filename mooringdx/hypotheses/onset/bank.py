@@ -77,8 +77,8 @@ class Trace:
     ``score``: (n,), NaN before the first; ``probability``: (n, losses + 3); ``alarm``: first sample at or over the
     level, -1 where none; ``named``: the last sample walked; ``when``: (s,), sample of each onset, -1 where
     free; ``logs``: (s, losses + 4), `weighed` there; ``z``: (s, 3) and ``lam``: (s, 3, 3), what each onset has
-    gathered; ``pulls``: (s, losses, 3), N, N, N m, what each takes at the onset; ``rise``: by how much at most evidence
-    was lowered because the sea was rougher than the one learned from; ``last``: the same when named.
+    gathered; ``pulls``: (s, losses, 3), N, N, N m, what each takes at the onset; ``rise``: (n,), by how much
+    evidence was lowered because the sea was rougher than the one learned from.
     """
 
     score: Array
@@ -90,8 +90,7 @@ class Trace:
     z: Array
     lam: Array
     pulls: Array
-    rise: float
-    last: float
+    rise: Array
 
 
 def odds_of(
@@ -155,7 +154,7 @@ def empty(times: Beat | Odds, losses: int) -> Slots:
         np.zeros(STATES * ROW),
         np.zeros((OWN + PULSES * FREE) * WIDTH),
         np.zeros(losses * ROW),
-        np.ones(3 + times.fine * _DELAY),
+        np.ones(2 + times.fine * _DELAY),
     )
 
 
@@ -172,7 +171,6 @@ def over(
     odds: Odds,
     times: Beat,
     alarm: float,
-    warning: float,
     shares: Array | None = None,
     quiet: int | None = None,
 ) -> Trace:
@@ -180,17 +178,17 @@ def over(
 
     ``shares``: as `rig_of` takes them. ``quiet``: samples before the first onset, the warm-up when None.
 
-    Alarms that have sunk under ``warning`` by then are passed over; they stay visible in ``score``.
+    Alarms that have sunk under ``alarm`` by then are passed over; they stay visible in ``score``.
     """
     innovation, place = estimate.innovation, estimate.position
     rig = rig_of(mooring, shares)
     n, losses = len(place), len(rig.shares)
-    score, probability = np.full(n, np.nan), np.zeros((n, losses + 3))
+    score, probability, rise = np.full(n, np.nan), np.zeros((n, losses + 3)), np.ones(n)
     probability[:, 0] = 1.0
     slots = empty(times, losses)
     rest = (
         times.warm if quiet is None else quiet, innovation, place, tuned(models), rig, mooring.fairleads.mean(axis=0),
-        odds, slots, score, probability,
+        odds, slots, score, probability, rise,
     )  # fmt: skip
     at, first = -1, 0
     while first < n:
@@ -201,15 +199,15 @@ def over(
         stop = min(at + times.confirm, n - 1)
         walk(at + 1, stop + 1, np.inf, *rest)
         first = stop + 1
-        if score[stop] >= warning:
+        if score[stop] >= alarm:
             break
         at = -1
     named = first - 1 if at >= 0 else n - 1
     logs = np.empty((slots.when.size, losses + 1 + PULSES))
-    rise, last = float(slots.rough[1]), float(slots.rough[2])
+    last = float(slots.rough[1])
     weighed(named, slots, odds, in_earth(odds.group, float(place[named, 2])) * last, logs)
     pulls = slots.pulls.reshape(losses, 3, WIDTH).transpose(2, 0, 1)
-    return Trace(score, probability, at, named, slots.when, logs, *evidence(slots), pulls, rise, last)
+    return Trace(score, probability, at, named, slots.when, logs, *evidence(slots), pulls, rise)
 
 
 def information(one: Model, middle: Array, samples: int) -> Array:

@@ -215,7 +215,7 @@ def risen(k: int, slots: Slots, odds: Odds, cool: Array) -> float:
 
     z'Lam^-1 z/2 over the temper (north, east) of onsets one to three of the shortest groups old, cut so that a lost
     line weighs little, is averaged over ``memory``, and used as it was half of that before, so that a lost line weighs
-    nothing until it is found. ``slots.rough``: the mean, the largest rise, the last, and a ring of the means.
+    nothing until it is found. ``slots.rough``: the mean, the last rise, and a ring of the means.
     """
     rough, x, total, count = slots.rough, slots.sums, 0.0, 0
     if odds.memory == 0.0:
@@ -230,10 +230,10 @@ def risen(k: int, slots: Slots, odds: Odds, cool: Array) -> float:
                 count += 1
     if count:
         rough[0] += (total / count - rough[0]) / odds.memory
-    at = 3 + k % (rough.size - 3)
+    at = 2 + k % (rough.size - 2)
     rise: float = grown(rough[at])
     rough[at] = rough[0]
-    rough[1], rough[2] = max(rough[1], rise), rise
+    rough[1] = rise
     for s in range(WIDTH):
         cool[s] /= rise
     return rise
@@ -263,7 +263,7 @@ def weighed(k: int, slots: Slots, odds: Odds, group: Array, out: Array) -> None:
     """
     spacings, cool, worth = np.empty(WIDTH), np.empty(WIDTH), np.empty(2 * WIDTH)
     standing(k, slots.when, odds, spacings, cool)
-    cool /= slots.rough[2]
+    cool /= slots.rough[1]
     for j in range(out.shape[1]):
         prior = weigh(j, slots, odds, group, cool, worth)
         for s in range(WIDTH):
@@ -546,12 +546,12 @@ def born(k: int, pulls: Array, G: Array, slots: Slots, odds: Odds) -> None:
 @njit(cache=True)
 def walk(
     first: int, last: int, stop: float, quiet: int, innovation: Array, place: Array, tuned: Tuned, rig: Rig,
-    middle: Array, odds: Odds, slots: Slots, score: Array, probability: Array,
+    middle: Array, odds: Odds, slots: Slots, score: Array, probability: Array, rise: Array,
 ) -> int:  # fmt: skip
     """Go over samples ``first`` to ``last`` and return the first whose score is ``stop`` or more, else ``last``.
 
-    ``quiet``: no onset begins before this sample. ``innovation``, ``place``: (n, 3). Fills ``score``, (n,), and
-    ``probability``, (n, losses + 3), and carries ``slots`` on.
+    ``quiet``: no onset begins before this sample. ``innovation``, ``place``: (n, 3). Fills ``score``, (n,),
+    ``probability``, (n, losses + 3), and ``rise``, (n,), as of `risen`, and carries ``slots`` on.
     """
     scratch, spacings, cool = np.empty((2, 6 * ROW)), np.empty(WIDTH), np.empty(WIDTH)
     worth, row = np.empty(2 * WIDTH), np.empty(len(rig.shares) + 1 + PULSES)
@@ -560,7 +560,8 @@ def walk(
             continue
         G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
         standing(k, slots.when, odds, spacings, cool)
-        group = in_earth(odds.group, place[k, 2]) * risen(k, slots, odds, cool)
+        rise[k] = risen(k, slots, odds, cool)
+        group = in_earth(odds.group, place[k, 2]) * rise[k]
         for j in range(row.size):
             row[j] = weigh(j, slots, odds, group, cool, worth) + heaped(worth, spacings)
         score[k] = shared(row, probability[k])
@@ -570,3 +571,54 @@ def walk(
         if score[k] >= stop:
             return k
     return last
+
+
+@njit(cache=True)
+def watched(
+    quiet: int, innovation: Array, place: Array, tuned: Tuned, rig: Rig, middle: Array, odds: Odds, slots: Slots,
+    scratch: Array, total: Array, count: Array,
+) -> None:  # fmt: skip
+    """Add z'Lam^-1 z/2 of north and east of every onset, at every fine spacing of its age, to ``total``."""
+    x = slots.sums
+    for k in range(len(place)):
+        if not finite(place[k]):
+            continue
+        G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
+        for s in range(WIDTH):
+            age = k - slots.when[s]
+            if slots.when[s] < 0 or age < odds.fine or age % odds.fine != 0:
+                continue
+            z0, z1, a, b, d = x[s], x[WIDTH + s], x[2 * WIDTH + s], x[3 * WIDTH + s], x[4 * WIDTH + s]
+            det = a * d - b * b
+            if det > 0.0:
+                total[age // odds.fine] += 0.5 * (d * z0 * z0 - 2.0 * b * z0 * z1 + a * z1 * z1) / det
+                count[age // odds.fine] += 1.0
+        aged(k, slots, odds)
+        if k >= quiet and k % odds.fine == 0:
+            born(k, line_pulls(place[k], rig, middle), G, slots, odds)
+
+
+@njit(cache=True)
+def followed(
+    onsets: Index, last: int, innovation: Array, place: Array, rise: Array, tuned: Tuned, rig: Rig, middle: Array,
+    line: int, odds: Odds, slots: Slots, out: Array,
+) -> None:  # fmt: skip
+    """Fill ``out`` with L from the first of ``onsets`` on."""
+    first, begun = onsets[0], 0
+    logs, worth, scratch = np.zeros(onsets.size), np.empty(2 * WIDTH), np.empty((2, 6 * ROW))
+    spacings, cool = np.empty(WIDTH), np.empty(WIDTH)
+    for k in range(first, last):
+        if k > first:
+            out[k - first] = out[k - first - 1]
+        if not finite(place[k]):
+            continue
+        G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
+        standing(k, slots.when, odds, spacings, cool)
+        cool /= rise[k]
+        weigh_line(line, slots, odds, cool, worth)
+        for s in range(begun):
+            logs[s] = worth[s] - 0.5 * np.log(worth[WIDTH + s])
+        out[k - first] = summed(logs) - np.log(onsets.size)
+        while begun < onsets.size and onsets[begun] <= k:
+            born(k, line_pulls(place[k], rig, middle), G, slots, odds)
+            begun += 1

@@ -15,22 +15,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from mooringdx.hypotheses.onset.bank import Beat, empty, rig_of, tuned
-from mooringdx.hypotheses.onset.kernel import (
-    ROW,
-    WIDTH,
-    Odds,
-    Rig,
-    Slots,
-    Tuned,
-    aged,
-    born,
-    finite,
-    line_pulls,
-    stepped,
-)
+from mooringdx.hypotheses.onset.kernel import ROW, Odds, watched
 from mooringdx.observers.kalman import Estimate
 from mooringdx.observers.matrices import Model
 from mooringdx.physics.mooring import Mooring
@@ -52,35 +39,10 @@ def tempers(
     total, count = np.zeros(ages), np.zeros(ages)
     slots, rig, scratch = empty(times, len(mooring.names)), rig_of(mooring), np.empty((2, 6 * ROW))
     matrices, middle = tuned(models), mooring.fairleads.mean(axis=0)
-    _gathered(times.warm, innovation, place, matrices, rig, middle, odds, slots, scratch, total, count)
+    watched(times.warm, innovation, place, matrices, rig, middle, odds, slots, scratch, total, count)
     seen = np.divide(total, count, out=np.full(ages, prior), where=count > 0)
     stretches = np.where(count > 0, n / (times.fine * np.maximum(np.arange(ages), 1.0)), 0.0)
     pooled = (STRETCHES * prior + stretches * seen) / (STRETCHES + stretches)
     pooled[0] = pooled[1]
     mean = float(total.sum() / count.sum()) if count.any() else np.nan
     return np.maximum(np.maximum.accumulate(pooled), 1.0), mean
-
-
-@njit(cache=True)
-def _gathered(
-    quiet: int, innovation: Array, place: Array, tuned: Tuned, rig: Rig, middle: Array, odds: Odds, slots: Slots,
-    scratch: Array, total: Array, count: Array,
-) -> None:  # fmt: skip
-    """Add z'Lam^-1 z/2 of north and east of every onset, at every fine spacing of its age, to ``total``."""
-    x = slots.sums
-    for k in range(len(place)):
-        if not finite(place[k]):
-            continue
-        G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
-        for s in range(WIDTH):
-            age = k - slots.when[s]
-            if slots.when[s] < 0 or age < odds.fine or age % odds.fine != 0:
-                continue
-            z0, z1, a, b, d = x[s], x[WIDTH + s], x[2 * WIDTH + s], x[3 * WIDTH + s], x[4 * WIDTH + s]
-            det = a * d - b * b
-            if det > 0.0:
-                total[age // odds.fine] += 0.5 * (d * z0 * z0 - 2.0 * b * z0 * z1 + a * z1 * z1) / det
-                count[age // odds.fine] += 1.0
-        aged(k, slots, odds)
-        if k >= quiet and k % odds.fine == 0:
-            born(k, line_pulls(place[k], rig, middle), G, slots, odds)

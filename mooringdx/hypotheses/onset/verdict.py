@@ -30,7 +30,8 @@ ALIKE = 0.5
 class Piece:
     """One walk: from sample ``first`` of the log; its own samples before ``skip`` repeat the walk before.
 
-    ``gone``: the loss that was named just before, -1 where none.
+    ``gone``: the loss that was named before, -1 where none; ``quiet``: its samples before the first onset;
+    ``since``: sample of the log up to which all was seen before: an onset found at once may lie as far back.
     """
 
     first: int
@@ -38,6 +39,8 @@ class Piece:
     gone: int
     trace: Trace
     nis: float
+    quiet: int
+    since: int
 
     def after(self) -> Array:
         """Return the probabilities from ``skip`` on; without another fault it is the loss that was named before."""
@@ -95,6 +98,7 @@ def _named(
     straight = abs(alpha - 1.0) <= 3.0 * odds.along
     alpha, sd = loss.share * alpha, loss.share * sd
     onset, low, high = _onset(trace, best, times)
+    low = min(low, one.since - one.first) if low <= one.quiet + 2 * times.fine else low
     at = clock[0] + clock[1] * one.first
     return Event(
         kind=loss.kind,
@@ -130,7 +134,9 @@ def _share(trace: Trace, slot: int, pull: Array, odds: Odds) -> tuple[float, flo
 
 def _temper(trace: Trace, slot: int, odds: Odds) -> float:
     """Return what the evidence of an onset was divided by when the line was named."""
-    return trace.last * float(odds.temper[min(trace.named - int(trace.when[slot]), len(odds.temper) - 1)])
+    return float(trace.rise[trace.named]) * float(
+        odds.temper[min(trace.named - int(trace.when[slot]), len(odds.temper) - 1)]
+    )
 
 
 def _onset(trace: Trace, line: int, times: Beat) -> tuple[float, float, float]:
@@ -195,7 +201,7 @@ def runs(score: Array, level: float) -> list[tuple[int, int]]:
 def _passed(
     one: Piece, losses: tuple[Loss, ...], times: Beat, clock: tuple[float, float], warning: float, alarm: float
 ) -> list[Event]:
-    """Return an event for every alarm of this walk that had sunk when it was to be named."""
+    """Return an event of the environment for every alarm of this walk that had sunk when it was to be named."""
     trace, out, free = one.trace, [], -1
     end = trace.alarm if trace.alarm >= 0 else len(trace.score)
     at = clock[0] + clock[1] * one.first
@@ -207,16 +213,18 @@ def _passed(
         sunk = np.flatnonzero(trace.score[first:end] < warning)
         stop = first + (int(sunk[0]) if sunk.size else times.confirm)
         rise = at + clock[1] * _rise(trace.score, first, warning)
+        lost = losses[best]
+        chance = float(trace.probability[first, 1 + best])
+        why = f"the alarm had sunk again {clock[1] * times.confirm:.0f} s later"
         out.append(
             Event(
-                kind=losses[best].kind,
-                subject=losses[best].lines[0],
+                kind="environment",
+                subject="force",
                 onset=rise,
                 onset_interval=(rise - clock[1] * times.end, rise),
                 detected=at + clock[1] * first,
                 cleared=at + clock[1] * stop,
-                probability=float(trace.probability[first, 1 + best]),
-                rivals=_rivals(trace.probability[first], best, losses),
+                rivals=(Rival(lost.kind, " + ".join(lost.lines), chance, why),),
                 cannot_tell=CANNOT_TELL,
                 evidence={
                     "detector": "onset_glr",
@@ -240,7 +248,10 @@ def checks(
     blind = [line for line, row in observability.items() if not row["observable"]]
     some = max(observability.values(), key=lambda row: -row["r"])
     least = min(row["r"] for row in observability.values())
-    loud, rise = pieces[0].nis / 3.0, max(one.trace.rise for one in pieces)
+    if not pieces:
+        remedy = "map north, east and heading, or mend their gaps"
+        return (Check("watched", "position", False, "no stretch with fixes of position and heading", remedy=remedy),)
+    loud, rise = pieces[0].nis / 3.0, max(float(one.trace.rise.max()) for one in pieces)
     warned = runs(score, warning)
     spent = sum(b - a for a, b in warned) * clock[1]
     first = f", the first from {clock[0] + clock[1] * warned[0][0]:.0f} s" if warned else ""

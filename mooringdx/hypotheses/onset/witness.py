@@ -21,25 +21,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from mooringdx.hypotheses.onset.bank import Beat, empty, rig_of, tuned
-from mooringdx.hypotheses.onset.kernel import (
-    ROW,
-    WIDTH,
-    Index,
-    Odds,
-    Rig,
-    Slots,
-    Tuned,
-    born,
-    finite,
-    line_pulls,
-    standing,
-    stepped,
-    summed,
-    weigh_line,
-)
+from mooringdx.hypotheses.onset.kernel import Index, Odds, followed
 from mooringdx.observers.kalman import Estimate
 from mooringdx.observers.matrices import Model
 from mooringdx.physics.mooring import Mooring
@@ -53,13 +37,19 @@ _SHOWN = 60
 
 @dataclass(frozen=True)
 class Sight:
-    """One walk's filter: from sample ``first`` of the bank's; what it says holds from ``skip`` samples later on."""
+    """One walk's filter: from sample ``first`` of the bank's; what it says holds from ``skip`` samples later on.
+
+    ``quiet``: its samples until the filter has settled; ``rise``: (n,), how much rougher the sea was than the one
+    learned from, 1 or more, as in the walk.
+    """
 
     first: int
     skip: int
     estimate: Estimate
     models: tuple[Model, ...]
     mooring: Mooring
+    quiet: int
+    rise: Array
 
     def has(self, line: str) -> bool:
         """Return whether the filter still has the line: one that it takes for lost pulls nothing."""
@@ -98,10 +88,10 @@ class Witness:
         start, step = self.clock
         low = int(np.floor((interval[0] - start) / step))
         high = max(low, int(np.ceil((interval[1] - start) / step)))
-        sight = next((s for s in reversed(self.sights) if s.first + s.skip <= low and s.has(line)), None)
+        sight = next((s for s in reversed(self.sights) if s.first <= low and s.has(line)), None)
         middle = 0.5 * (interval[0] + interval[1])
-        if sight is None or low - sight.first < self.times.warm:
-            why = "its filter had not settled yet, ten minutes after the start or after another loss"
+        if sight is None or low - sight.first < sight.quiet or high >= sight.first + len(sight.estimate.position):
+            why = "its filter had not settled, after the start, a gap or another loss, or there was no fix"
             return Heard(line, "untold", 0.0, middle, middle, (), why)
         onsets = np.unique(np.linspace(low, high, min(high - low + 1, _ONSETS)).round().astype(np.int64)) - sight.first
         last = len(sight.estimate.position)
@@ -134,37 +124,12 @@ def ratio(sight: Sight, line: str, onsets: Index, last: int, odds: Odds) -> Arra
     """
     rig = rig_of(sight.mooring)
     out = np.zeros(max(last - int(onsets[0]), 0))
-    _followed(
-        onsets, last, sight.estimate.innovation, sight.estimate.position, tuned(sight.models), rig,
+    followed(
+        onsets, last, sight.estimate.innovation, sight.estimate.position, sight.rise, tuned(sight.models), rig,
         sight.mooring.fairleads.mean(axis=0), sight.mooring.names.index(line), odds,
         empty(odds, len(sight.mooring.names)), out,
     )  # fmt: skip
     return out
-
-
-@njit(cache=True)
-def _followed(
-    onsets: Index, last: int, innovation: Array, place: Array, tuned: Tuned, rig: Rig, middle: Array, line: int,
-    odds: Odds, slots: Slots, out: Array,
-) -> None:  # fmt: skip
-    """Fill ``out`` with L from the first of ``onsets`` on."""
-    first, begun = onsets[0], 0
-    logs, worth, scratch = np.zeros(onsets.size), np.empty(2 * WIDTH), np.empty((2, 6 * ROW))
-    spacings, cool = np.empty(WIDTH), np.empty(WIDTH)
-    for k in range(first, last):
-        if k > first:
-            out[k - first] = out[k - first - 1]
-        if not finite(place[k]):
-            continue
-        G = stepped(innovation[k], place[k, 2], tuned, middle, slots, scratch)
-        standing(k, slots.when, odds, spacings, cool)
-        weigh_line(line, slots, odds, cool, worth)
-        for s in range(begun):
-            logs[s] = worth[s] - 0.5 * np.log(worth[WIDTH + s])
-        out[k - first] = summed(logs) - np.log(onsets.size)
-        while begun < onsets.size and onsets[begun] <= k:
-            born(k, line_pulls(place[k], rig, middle), G, slots, odds)
-            begun += 1
 
 
 def summary(heard: Heard) -> dict[str, object]:
