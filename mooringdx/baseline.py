@@ -418,7 +418,8 @@ def _forces_check(training: Sequence[Training], stack: residuals.Stack, run: Run
 def _where(channels: Channels, pieces: Sequence[slice]) -> dict[str, Any]:
     grid = channels.grid
     windows = [[grid.start + grid.sample_time * p.start, grid.start + grid.sample_time * p.stop] for p in pieces]
-    return {"log": channels.source.path, "sha256": channels.source.sha256, "windows": windows}
+    time = next((c.detail for c in channels.checks if c.name == "time column"), None)  # None: nothing to guess
+    return {"log": channels.source.path, "sha256": channels.source.sha256, "time": time, "windows": windows}
 
 
 def save(baseline: Baseline, logs: Sequence[Path], command: str, folder: Path | None = None) -> dict[str, bytes]:
@@ -434,6 +435,7 @@ def save(baseline: Baseline, logs: Sequence[Path], command: str, folder: Path | 
         "configuration_digest": baseline.config().digest(),
         "logs": [str(p) if folder is None else Path(os.path.relpath(p, folder)).as_posix() for p in logs],
         "sha256": [w["sha256"] for w in baseline.windows],
+        "time": [w["time"] for w in baseline.windows],
         "run": baseline.run,
     }
     fitted = baseline.fitted

@@ -11,7 +11,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from mooringdx.errors import ConfigError
 from mooringdx.registry import did_you_mean
@@ -112,7 +122,10 @@ class _Part(BaseModel):
 
 
 class TimeSource(_Part):
-    """Where the time stands: one column, or separate date and time columns; MCAP uses log time unless told."""
+    """Where the time stands: one column, or separate date and time columns; MCAP uses log time unless told.
+
+    A unit that was not told is guessed from each log, so it is stored only where it was told.
+    """
 
     column: str | None = None
     unit: str = "s"
@@ -120,6 +133,11 @@ class TimeSource(_Part):
     zone: str | None = None
     field: str | None = None
     source: Literal["log_time", "publish_time", "header"] = "log_time"
+
+    @model_serializer(mode="wrap")
+    def _as_told(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        body: dict[str, Any] = whole(self)
+        return body if "unit" in self.model_fields_set else {k: v for k, v in body.items() if k != "unit"}
 
 
 class ChannelSource(_Part):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import jsonschema
@@ -160,3 +162,61 @@ def test_one_bad_log_among_several_is_a_row_and_the_batch_goes_on(place: Path) -
     rows = (out / "summary.csv").read_text().splitlines()
     assert [row.split(",")[1] for row in rows[1:]] == ["fault_found", "failed", "fault_found"]
     assert {p.name for p in (out / "logs").iterdir()} == {"2025.03.14", "tank"}
+
+
+def iso(seconds: float) -> str:
+    return (datetime(2026, 3, 1, 6, tzinfo=UTC) + timedelta(seconds=seconds)).isoformat()
+
+
+def stamped(place: Path, name: str, head: str, stamp: Callable[[float], str]) -> Path:
+    """Write the demo log as of a logger with another clock."""
+    header, *rows = (place / "tank.csv").read_text().splitlines()
+    cells = (row.split(",", 1) for row in rows)
+    lines = [f"{head},{header.split(',', 1)[1]}", *(f"{stamp(float(t))},{rest}" for t, rest in cells)]
+    (place / name).write_text("\n".join(lines) + "\n")
+    return place / name
+
+
+def test_detect_reads_a_clock_that_was_guessed_as_fit_did(done: Path, place: Path) -> None:
+    logs = [
+        stamped(place, "iso.csv", "Clock", iso),
+        stamped(place, "stamp.csv", "Stamp", iso),
+        stamped(place, "minutes.csv", "Clock [min]", lambda t: repr(t / 60.0)),
+    ]
+    run_file = edited(place, "clock.toml", 'time = { column = "time", unit = "s" }', "")
+    run_file.write_text(run_file.read_text().replace("tank.csv", "iso.csv"))
+    out = place / "clock"
+    assert call("fit", run_file, "-o", out).exit_code == 0
+    assert json.loads((out / "run.json").read_text())["time"] == ["column 'Clock' is read as time in iso8601"]
+    own = call("detect", out, "--json")
+    assert own.exit_code == 3, own.output
+    told = json.loads(call("detect", done, place / "tank.csv", "--json").stdout)
+    wanted = [(e["kind"], e["subject"], e["onset"]) for e in told["events"]]
+    assert wanted
+    others = call("detect", out, *logs[1:], "--json")
+    assert others.exit_code == 3, others.output
+    for body in (json.loads(own.stdout), *json.loads(others.stdout)):
+        assert [(e["kind"], e["subject"]) for e in body["events"]] == [w[:2] for w in wanted]
+        assert [e["onset"] for e in body["events"]] == pytest.approx([w[2] for w in wanted], abs=0.2)
+
+
+def test_a_clock_that_was_told_is_not_guessed_anew(done: Path, place: Path) -> None:
+    result = call("detect", done, stamped(place, "told.csv", "Clock", iso))
+    assert result.exit_code == 2
+    assert "no column 'time'" in result.stderr
+
+
+def test_without_tensions_a_vessel_is_drafted_by_position_and_the_error_points_there(place: Path) -> None:
+    rows = [row.split(",") for row in (place / "tank.csv").read_text().splitlines()]
+    kept = [i for i, head in enumerate(rows[0]) if not head.startswith("tension_")]
+    (place / "bare.csv").write_text("\n".join(",".join(row[i] for i in kept) for row in rows) + "\n")
+    result = call("init", place / "bare.csv", "-o", place / "bare.toml", "--vessel", "cybership3")
+    assert result.exit_code == 0, result.output
+    result = call("fit", place / "bare.toml", "-o", place / "bare")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("position-only bank")
+    text = (place / "bare.toml").read_text().replace('[bank]\nuse = ["onset_glr"]', '[residuals]\nuse = ["tension"]')
+    (place / "asked.toml").write_text(text)
+    result = call("fit", place / "asked.toml", "-o", place / "asked")
+    assert result.exit_code == 2
+    assert '[bank] use = ["onset_glr"]' in result.stderr

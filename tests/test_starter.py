@@ -17,11 +17,13 @@ from mooringdx.types import LogSource, RawLog, Signal
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
-def made(tmp_path: Path, rate: float = 10.0, span: float = 600.0, **units: str) -> tuple[str, RunConfig]:
+def made(
+    tmp_path: Path, rate: float = 10.0, span: float = 600.0, vessel: str | None = None, **units: str
+) -> tuple[str, RunConfig]:
     t = np.arange(0.0, span, 1.0 / rate)
     signals = {n: Signal(n, t, np.sin(t + k), u) for k, (n, u) in enumerate(units.items())}
     log = RawLog(signals, LogSource("a.csv", "csv", 0, ""))
-    text = starter(tmp_path / "a.csv", survey(log), out=tmp_path / "run.toml")
+    text = starter(tmp_path / "a.csv", survey(log), vessel, ["line_1"] if vessel else [], out=tmp_path / "run.toml")
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     return text, load_run(tmp_path / "run.toml")
 
@@ -48,6 +50,24 @@ def test_tensions_only_have_no_position_residual_and_fast_logs_are_slowed(tmp_pa
     assert run.residuals.use == ["learned"]
     assert run.mooring.lines == ["line_SB", "line_PS"]
     assert run.clock.sample_time == 0.05
+
+
+@pytest.mark.parametrize("place", [{"x": "m", "y": "m"}, {"lat": "deg", "lon": "deg"}])
+def test_a_vessel_without_tensions_is_watched_by_position_alone(place: dict[str, str], tmp_path: Path) -> None:
+    text, run = made(tmp_path, vessel="fpso200", psi="deg", **place)
+    assert run.residuals.use == []
+    assert run.bank.use == ["onset_glr"]
+    assert run.baseline is not None
+    assert "No tension was recognised" in text
+    later = text.replace('# [residuals]\n# use = ["tension"', '[residuals]\nuse = ["tension"')  # as the comment says
+    assert tomllib.loads(later)["residuals"]["use"] == ["tension", "force_balance"]
+
+
+@pytest.mark.parametrize("more", [{"psi": "deg", "T1": "kN"}, {"roll": "deg"}])
+def test_a_vessel_with_tensions_or_without_heading_is_not(more: dict[str, str], tmp_path: Path) -> None:
+    _, run = made(tmp_path, vessel="fpso200", x="m", y="m", **more)
+    assert run.residuals.use == ["tension", "force_balance"]
+    assert run.bank.use == []
 
 
 def test_daily_positions_go_to_the_bank(tmp_path: Path) -> None:

@@ -74,12 +74,18 @@ def starter(
         used = {name: c for name, c in choices.items() if c.used}
     periods = [1.0 / c.row.rate for c in used.values() if c.row.rate]
     slow = bool(periods) and min(periods) >= SLOW and any(n in used for n in ("north", "latitude"))
+    if slow:
+        task = [_bank()]
+    elif vessel is not None and _position_alone(used):
+        task = [_baseline(used), _onset()]
+    else:
+        task = [_residuals(used, vessel is not None), _baseline(used), _rest()]
     parts = [
         _log(path, rows, out),
         _channels(choices),
         _clock(used, periods),
         _mooring(used) if vessel is None else _vessel(used, vessel, lines),
-        *((_bank(),) if slow else (_residuals(used, vessel is not None), _baseline(used), _rest())),
+        *task,
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -182,12 +188,21 @@ def _mooring(used: Mapping[str, Choice]) -> str:
     )
 
 
+def _position_alone(used: Mapping[str, Choice]) -> bool:
+    """Tell whether a log has place and heading and no tension."""
+    return _placed(used) and "heading" in used and not any(n.startswith("tension_") for n in used)
+
+
+def _placed(used: Mapping[str, Choice]) -> bool:
+    return {"north", "east"} <= set(used) or {"latitude", "longitude"} <= set(used)
+
+
 def _residuals(used: Mapping[str, Choice], known: bool) -> str:
     if known:
         return """[residuals]
 use = ["tension", "force_balance"]   # measured tension less the statics at the measured place; forces on the vessel"""
     kinds = ["learned"]
-    if {"north", "east"} <= set(used) or {"latitude", "longitude"} <= set(used):
+    if _placed(used):
         kinds.append("position")
     return f"""[residuals]
 use = {json.dumps(kinds)}   # learned: each channel predicted from the others; position: offset from the neutral place
@@ -229,3 +244,14 @@ def _bank() -> str:
     return """# One position an hour or slower: judged by whether the mooring holds (see the README on adrift or moved).
 [bank]
 use = ["adrift"]"""
+
+
+def _onset() -> str:
+    return """# No tension was recognised: a lost line is sought from position, heading and thrust (docs/position.md).
+# Map thrust_* and wind_* where they are logged; the no-fault window should hold about an hour at full scale.
+[bank]
+use = ["onset_glr"]
+
+# Once tensions are named in [channels]:
+# [residuals]
+# use = ["tension", "force_balance"]"""

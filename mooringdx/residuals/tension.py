@@ -254,7 +254,10 @@ def _asked(channels: Channels, run: RunConfig) -> tuple[VesselModel, tuple[tuple
     model = vessel(run.mooring.model, Path(run.mooring.vessel or "[mooring] model"))
     lines = tuple(line_tensions(run.mooring, channels).items())
     if not lines:
-        raise ConfigError('[residuals] use "tension": the log has no tension channel; map tension_1, ... in [channels]')
+        raise ConfigError(
+            '[residuals] use "tension": the log has no tension channel; map tension_1, ... in [channels], or watch '
+            'position alone: [bank] use = ["onset_glr"] in place of [residuals]'
+        )
     for line, channel in lines:
         if line not in model.mooring.lines:
             raise ConfigError(
