@@ -24,11 +24,11 @@ from mooringdx.hypotheses.onset.bank import (
     tuned,
     weighed,
 )
-from mooringdx.hypotheses.onset.kernel import Odds, Slots, line_pulls, together, walk
+from mooringdx.hypotheses.onset.kernel import CUT, Odds, Slots, grown, line_pulls, together, walk
 from mooringdx.hypotheses.onset.losses import losses, shares, weights
 from mooringdx.hypotheses.onset.temper import tempers
 from mooringdx.hypotheses.onset.verdict import runs, steady
-from mooringdx.hypotheses.onset_glr import OnsetGlr
+from mooringdx.hypotheses.onset_glr import OnsetGlr, stretches
 from mooringdx.observers.kalman import Filter
 from mooringdx.observers.matrices import Model, Noise, plant_of
 from mooringdx.physics.frames import rotation
@@ -546,3 +546,59 @@ def test_an_alarm_stops_the_walk_a_minute_later(bank: OnsetGlr, lost: Channels) 
     rig = rig_of(mooring)
     pulls = line_pulls(np.array([3.0, -2.0, 3.9]), rig, np.zeros(2))
     assert pulls.sum(axis=0) == pytest.approx(mooring.force(np.array([3.0, -2.0, 3.9])), rel=1e-9, abs=1e-3)
+
+
+def without_fixes(log: Channels, start: float, stop: float) -> Channels:
+    """Return a log whose position and heading are missing for a while."""
+    rows = log.grid.window((start, stop))
+    columns = [log.names.index(name) for name in ("north", "east", "heading")]
+    values, valid = log.values.copy(), log.valid.copy()
+    values[rows, columns[0] : columns[-1] + 1], valid[rows, columns[0] : columns[-1] + 1] = np.nan, False
+    assert columns == [0, 1, 2]
+    return replace(log, values=values, valid=valid)
+
+
+@pytest.mark.parametrize("length", [30.0, 150.0, 700.0])
+def test_a_gap_in_a_healthy_log_is_no_lost_line(bank: OnsetGlr, length: float) -> None:
+    posterior, events, _ = bank(without_fixes(log_of(102, 7200.0), 3000.0, 3000.0 + length))
+    assert events == ()
+    judged = (posterior.time >= 3000.0) & (posterior.time < 3000.0 + length)
+    assert judged.any() == (length < 60.0), "nothing is judged in a long gap"
+
+
+def test_a_line_lost_in_a_gap_is_told_with_the_gap_as_its_interval(bank: OnsetGlr, lost: Channels) -> None:
+    _, events, checks = bank(without_fixes(lost, ONSET - 100.0, ONSET + 20.0))
+    (event,) = [e for e in events if e.kind != "environment"]
+    assert (event.kind, event.subject) == ("unknown", "line_8")
+    assert event.onset_interval == pytest.approx((ONSET - 100.0, ONSET + 20.0), abs=2.0)
+    assert [r.kind for r in event.rivals] == ["line_lost", "environment"]
+    assert not next(c for c in checks if c.name == "steady force" and not c.passed).passed
+
+
+def test_stretches_lie_between_long_gaps() -> None:
+    eta = np.zeros((100, 3))
+    eta[10:13], eta[40:60, 1], eta[98:] = np.nan, np.nan, np.nan
+    assert stretches(eta, 5) == (slice(0, 40), slice(60, 98))
+    assert stretches(np.full((9, 3), np.nan), 5) == ()
+
+
+def test_the_mean_of_cut_terms_gives_their_size_back() -> None:
+    for size in (2.5, 4.0, 8.0):
+        assert grown(size * (1.0 - np.exp(-CUT / size))) == pytest.approx(size, rel=1e-3)
+    assert grown(1.1) == 1.0
+
+
+@pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 1.0, 1.3), (2.0, 3.0, 6.0)])
+def test_a_rougher_sea_divides_the_evidence_by_its_power(factor: float, least: float, most: float) -> None:
+    times, (made, models, mooring) = beat(1.0, 1.0), innovations(0.0)
+    rough = replace(made, innovation=made.innovation * factor)
+    settled = odds(times, 1.0)
+    trace = over(rough, models, mooring, settled, times, 1e9)
+    assert least <= trace.rise[-1] <= most
+    late = settled._replace(memory=0.0)
+    never = over(rough, models, mooring, late, times, 1e9)
+    assert (never.rise == 1.0).all()
+    cooler = late._replace(temper=settled.temper * trace.rise[-1], group=settled.group * trace.rise[-1])
+    again = over(rough, models, mooring, cooler, times, 1e9)
+    assert trace.logs == pytest.approx(again.logs, rel=1e-9, abs=1e-9)
+    assert trace.score[-1] == pytest.approx(again.score[-1], rel=1e-9)

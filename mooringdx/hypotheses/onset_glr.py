@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -38,7 +39,7 @@ from mooringdx.hypotheses.onset.bank import (
 from mooringdx.hypotheses.onset.kernel import Odds
 from mooringdx.hypotheses.onset.losses import Loss, losses, shares, weights
 from mooringdx.hypotheses.onset.temper import tempers
-from mooringdx.hypotheses.onset.verdict import Piece, checks, events, steady
+from mooringdx.hypotheses.onset.verdict import Piece, across, checks, events, steady
 from mooringdx.hypotheses.onset.witness import Sight, Witness
 from mooringdx.observers.feedforward import (
     HARM,
@@ -164,12 +165,13 @@ class OnsetGlr:
         return plain if run.bank.feed_forward == "off" else plain._fed(longest.channels, piece, run.bank)
 
     def _whole(self, channels: Channels, piece: slice) -> slice:
-        """Return the longest stretch of a piece without a gap of half a minute, in samples of the log's clock."""
+        """Return the longest stretch of a piece without a gap of ten seconds, or, where that is short, of a minute."""
         eta, _ = self.inputs(channels, piece)
-        parts = stretches(eta, 6 * self.beat.fine)
-        if len(parts) < 2:
-            return piece
-        best = max(parts, key=lambda part: part.stop - part.start)
+        best = slice(0, len(eta))
+        for longest in (2 * self.beat.fine, self.beat.confirm):
+            best = max(stretches(eta, longest), key=lambda part: part.stop - part.start, default=best)
+            if 2 * (best.stop - best.start) >= len(eta):
+                break
         return slice(piece.start + self.thin * best.start, piece.start + self.thin * best.stop)
 
     def _fed(self, channels: Channels, piece: slice, bank: BankPart) -> OnsetGlr:
@@ -308,22 +310,25 @@ class OnsetGlr:
         posterior = Posterior(BANK, names, grid.time[judged], probability[row][judged])
         clock = (grid.start, self.step)
         found = events(pieces, weighed, self.odds, self.beat, clock, self.warning, self.alarm)
+        named = [round((e.onset - clock[0]) / clock[1]) for e in found]
+        unseen, gaps = self._across(eta, force, clock, named)
+        found = (*found, *unseen)
         told_of = checks(pieces, score, self.observability(), self.warning, clock)
         squares = [
             self._squares(channels, slice(None), f.channels) if any(f.on) else np.zeros((0, 0)) for f in self.feeds
         ]
-        told_of = (*told_of, *self._steady(pieces, sights), *told(self.feeds, self.gusts, squares))
+        told_of = (*told_of, *self._steady(pieces, sights), *gaps, *told(self.feeds, self.gusts, squares))
         return posterior, found, told_of, Witness(sights, self.odds, self.beat, clock)
 
     def _pieces(self, eta: Array, force: Array) -> tuple[list[Piece], tuple[Sight, ...]]:
         """Return one walk after another: each ends where a line was named, the next is without that line.
 
-        A gap of half a minute ends a walk too: the filter that comes out of it knows less than its steady gain says.
+        A gap of a minute ends a walk too: the filter that comes out of it knows less than its steady gain says.
         """
         out: list[Piece] = []
         sights: list[Sight] = []
         mooring, gone, bias, end = self.mooring, -1, self.bias, -self.beat.warm
-        for part in stretches(eta, 6 * self.beat.fine):
+        for part in stretches(eta, self.beat.confirm):
             near = part.start - end < self.beat.warm // 2
             bias = bias if near else self._start(eta[part], force[part])
             quiet, since, first, skip = self.beat.again if near else self.beat.warm, end, part.start, 0
@@ -367,6 +372,30 @@ class OnsetGlr:
         seen = np.isfinite(eta[: self.beat.warm]).all(axis=1).any()
         record = Record(eta, force, np.zeros(eta.shape), self.step)
         return steady_bias(record, self.mooring, self.beat.warm) if seen else self.bias
+
+    def _across(
+        self, eta: Array, force: Array, clock: tuple[float, float], named: Sequence[int]
+    ) -> tuple[tuple[Event, ...], tuple[Check, ...]]:
+        """Return what the steady force says of each long gap: in it a loss leaves no onset, but a change of force.
+
+        ``named``: samples of events' onsets, whose forces are not the gap's.
+        """
+        parts, most = stretches(eta, self.beat.confirm), self.beat.warm
+        horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
+        out: list[Event] = []
+        rows: list[Check] = []
+        for left, right in pairwise(parts):
+            last = slice(max(left.start, left.stop - most), left.stop)
+            stop = min([right.stop, right.start + most, *(k for k in named if k > right.start)])
+            after = slice(right.start, stop)
+            if min(last.stop - last.start, after.stop - after.start) < self.beat.again:
+                continue
+            change = (self._start(eta[after], force[after]) - self._start(eta[last], force[last]))[:2]
+            gap = (clock[0] + clock[1] * left.stop, clock[0] + clock[1] * right.start)
+            event, row = across(change, -horizontal[:, None] * direction, self.mooring.names, gap)
+            out += [] if event is None else [event]
+            rows.append(row)
+        return tuple(out), tuple(rows)
 
     def _steady(self, pieces: Sequence[Piece], sights: Sequence[Sight]) -> tuple[Check, ...]:
         """Return how the steady force has changed since the no-fault window, and which lost line looks the same."""

@@ -280,7 +280,32 @@ def checks(
     )  # fmt: skip
 
 
-def steady(change: Array, losses: Array, lines: Sequence[str]) -> Check:
+def across(change: Array, losses: Array, lines: Sequence[str], gap: tuple[float, float]) -> tuple[Event | None, Check]:
+    """Return how the steady force changed over a ``gap``, s, and an event where a lost line explains it.
+
+    ``change``: (2,), N, north and east; ``losses``: (lines, 2), N. The two sides are means of ten minutes at most.
+    """
+    row = steady(change, losses, lines, f"the {gap[1] - gap[0]:.0f} s without fixes from {gap[0]:.0f} s on")
+    if row.passed:
+        return None, row
+    line = lines[int(np.argmin(np.hypot(*(losses - change).T)))]
+    why = "nothing was seen while the force changed"
+    event = Event(
+        kind="unknown",
+        subject=line,
+        onset=0.5 * (gap[0] + gap[1]),
+        onset_interval=gap,
+        detected=gap[1],
+        rivals=(Rival("line_lost", line, 0.5, why), Rival("environment", "force", 0.5, why)),
+        cannot_tell=f"{line} was lost while there were no fixes, or current or wind changed by as much: {row.detail}",
+        evidence={"detector": "onset_glr", "force": [float(x) for x in change]},
+    )
+    return event, row
+
+
+def steady(
+    change: Array, losses: Array, lines: Sequence[str], since: str = "this log, in the no-fault window"
+) -> Check:
     """Return how a steady force has changed, (2,), N, north and east, beside what lost lines do, (lines, 2), N.
 
     A line that was lost between the no-fault window and the log leaves no onset: it looks like a current.
@@ -292,9 +317,9 @@ def steady(change: Array, losses: Array, lines: Sequence[str]) -> Check:
     whole = float(np.hypot(*losses[near]))
     left = float(np.hypot(*(losses[near] - change))) / whole
     towards = float(np.degrees(np.arctan2(change[1], change[0]))) % 360.0
-    words = f"{size / 1e3:.3g} kN towards {towards:.0f} deg more than in the no-fault window; nearest to the loss of "
+    words = f"{size / 1e3:.3g} kN towards {towards:.0f} deg more than before {since}; nearest to the loss of "
     words += f"{lines[near]}, which is {whole / 1e3:.3g} kN"
     return Check(
         "steady force", "position", left >= ALIKE, words, 1.0 - left, 1.0 - ALIKE, "1",
-        "" if left >= ALIKE else f"see whether {lines[near]} was lost before this log: a current looks the same here",
+        "" if left >= ALIKE else f"see whether {lines[near]} was lost meanwhile: a current looks the same here",
     )  # fmt: skip
