@@ -170,7 +170,7 @@ def _watched(found: Detection) -> float:
 def _leading(found: Detection) -> tuple[str, ...]:
     """Return the line that the first bank held likeliest at each event's alarm, as "line_4"."""
     for posterior in found.posteriors:
-        of = [(i, name.split()[-1]) for i, name in enumerate(posterior.hypotheses) if " line_" in name]
+        of = [(i, name.split()[1]) for i, name in enumerate(posterior.hypotheses) if " line_" in name]
         if of:
             rows = np.searchsorted(posterior.time, [e.detected + 1e-6 for e in found.events], side="right") - 1
             best = posterior.probability[np.maximum(rows, 0)][:, [i for i, _ in of]].argmax(axis=1)

@@ -7,12 +7,15 @@ force by -alpha H_j u_j in it, from an onset k0 that nobody knows [PositionThesi
 
 with w = rate x spacing, L_j for a line whose pull H_j u_j is known and is lost nearly whole and nearly along itself,
 L_e for a step of the environment in any direction, L_p for a wave group of duration D: in
-`mooringdx.hypotheses.onset.kernel`. All are divided by a temper, because innovations are not as white as the filter
-assumes. Departures from the thesis: one filter with a bias instead of a bank without, so that steady forces and
-currents are no fault; a wave group as a rival, without which slow drift alarms hundreds of times a month.
+`mooringdx.hypotheses.onset.kernel`. All are divided by a temper by age (`mooringdx.hypotheses.onset.temper`), because
+innovations are not as white as the filter assumes, times how much rougher the sea is than the one learned from. A gap
+of a minute ends a walk: over it only the steady force is compared. Departures from the thesis: one filter with a bias
+instead of a bank without, so that steady forces and currents are no fault; a wave group as a rival, without which slow
+drift alarms hundreds of times a month.
 
 What it cannot see: a squall or a current step along a line, as large as its pull, from the loss of that line; a line
-lost before the record or in its first ten minutes; a line that keeps a good part of its pull; two lines lost at once.
+lost before the record or in its first ten minutes; a line that keeps a good part of its pull and two lines lost at
+once, unless [bank] partial and pairs ask for them, and then late; a sensor of position that jumps or drifts.
 """
 
 from __future__ import annotations
@@ -428,6 +431,7 @@ class OnsetGlr:
             out[name] = {
                 "r": rate,
                 "observable": seen,
+                "margin": min(rate / 0.1, score / needed),
                 "sentence": f"{name}: {why}" + ("" if seen else "; not observable in this sea"),
             }
         return out

@@ -7,7 +7,9 @@ the filter's state per unit force, e the innovation of the filter that knows of 
     pulse of n samples:  the same sums with rho(k0) - rho(k0 + n) in place of rho
 
 so that a force f from k0 on has the log likelihood ratio f'z - f'Lam f/2 against none. With z and Lam divided by the
-temper first and h_j the (north, east, moment) that line j gives:
+temper of the onset's age first, times r where the sea is rougher than the one learned from (`risen`: r from the mean
+of z'Lam^-1 z/2 over the temper, of onsets 20 to 60 s old, over the last ten minutes, five minutes late), and h_j the
+(north, east, moment) that line j gives:
 
     free force f ~ N(0, P):        L_P(z) = 1/2 z'(I + P Lam)^-1 P z - 1/2 ln det(I + P Lam)      (north, east only)
     line j, f ~ N(-h_j, V_j):      L = -h_j'z - 1/2 h_j'Lam h_j + L_V(z + Lam h_j)

@@ -2,12 +2,13 @@
 
 z'Lam^-1 z/2 (north, east) of an onset is 1 on average without a fault, at any age, where the innovations are white and
 as large as their covariance says. Slow drift is neither, and the longer it is gathered the more that shows: on the FPSO
-1.0 at 5 s, 1.3 at 60 s, 2 at 5 min. Its mean at an age a on the no-fault record is pooled with a prior:
+1.0 at 5 s, 1.3 at 60 s, 2 at 5 min and later. Its mean at an age a on the no-fault record is pooled with a prior:
 
     t(a) = max over b <= a of (m p + n(b) seen(b)) / (m + n(b)),      n(b) = record / b,  m = 10
 
-so that a short record keeps the prior p, and old onsets, of which a record holds few, keep more of it [PositionThesis
-has one number, 2]. What it cannot see: a sea whose drift wanders more slowly than the no-fault record is long.
+never under 1, so that a short record keeps the prior p, and old onsets, of which a record holds few, keep more of it:
+of 70 min a tenth at 60 s and two thirds at 15 min. Prototypes had one number for all ages, 2. What it cannot see: a
+sea whose drift wanders more slowly than the no-fault record is long.
 """
 
 from __future__ import annotations

@@ -246,8 +246,7 @@ def checks(
 ) -> tuple[Check, ...]:
     """Return whether each line's loss can be seen, whether the sea is as learned, and the warnings that stood."""
     blind = [line for line, row in observability.items() if not row["observable"]]
-    some = max(observability.values(), key=lambda row: -row["r"])
-    least = min(row["r"] for row in observability.values())
+    weakest = min(observability.values(), key=lambda row: row["r"])
     if not pieces:
         remedy = "map north, east and heading, or mend their gaps"
         return (Check("watched", "position", False, "no stretch with fixes of position and heading", remedy=remedy),)
@@ -258,8 +257,8 @@ def checks(
     return (
         Check(
             "not observable", "lines", not blind,
-            "; ".join(observability[line]["sentence"] for line in blind) or f"weakest: {some['sentence']}",
-            least, 0.1, "1/s",
+            "; ".join(observability[line]["sentence"] for line in blind) or f"weakest: {weakest['sentence']}",
+            weakest["margin"], 1.0, "1",
             "read no news of these lines as no news; log tensions, or a wave height" if blind else "",
         ),
         Check(
