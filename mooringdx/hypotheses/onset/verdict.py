@@ -43,11 +43,15 @@ class Piece:
     since: int
 
     def after(self) -> Array:
-        """Return the probabilities from ``skip`` on; without another fault it is the loss that was named before."""
+        """Return the probabilities from ``skip`` on; without another fault it is the loss that was named before.
+
+        A wave group or a push of the environment after it takes nothing from that loss.
+        """
         out = np.array(self.trace.probability[self.skip :])
         if self.gone >= 0:
-            out[:, 1 + self.gone] += out[:, 0]
-            out[:, 0] = 0.0
+            for other in (0, -2, -1):
+                out[:, 1 + self.gone] += out[:, other]
+                out[:, other] = 0.0
         return out
 
     def best(self) -> tuple[int, int]:
