@@ -104,7 +104,8 @@ def ours_night(base: Scenario, record: Trial, water: Water, key: tuple[int, ...]
     channels = channels_of(record)
     posterior, events, _ = bank(channels)
     skip = round(WARM / channels.grid.sample_time)
-    chance: Array = posterior.probability[skip:, 1 : 1 + len(bank.mooring.names)].sum(axis=1)
+    late = posterior.time >= channels.grid.time[skip]
+    chance: Array = posterior.probability[late, 1 : 1 + len(bank.mooring.names)].sum(axis=1)
     hours = chance.size * channels.grid.sample_time / 3600.0
     return Night(water, NAMES[0], "onset", len(events), hours, float(np.mean(chance > 0.5)))
 
