@@ -33,9 +33,9 @@ from mooringdx.physics.mooring import Mooring
 from mooringdx.types import Array
 
 FINE = 5.0
-_FINE_END, _END, _PULSES, _CONFIRM, _WARM, _AGAIN = 36, 180, (4, 8, 16), 12, 120, 36
+_FINE_END, _END, _PULSES, _CONFIRM, _WARM, _AGAIN = 36, 180, (4, 8, 16), 12, 120, 60
 _DELAY = 60
-"""In fine spacings: 180 s, 900 s, 20, 40 and 80 s, 60 s, 10 min, 3 min; 5 min."""
+"""In fine spacings: 180 s, 900 s, 20, 40 and 80 s, 60 s, 10 min, 5 min; 5 min."""
 ALPHA_SD = 0.15
 """Sd of the share of a line's pull that a break takes; 1 is all of it."""
 BETA_SD = 0.1
