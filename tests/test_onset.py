@@ -329,6 +329,16 @@ def test_a_short_record_keeps_the_temper_it_was_given() -> None:
     assert temper[-1] == pytest.approx(2.0, abs=0.3)
 
 
+def test_the_prior_of_a_temper_counts_as_ten_stretches_of_its_age() -> None:
+    times = beat(1.0, 1.0)
+    made = innovations(0.0)
+    low, high = (tempers(*made, odds(times, 1.0), times, prior)[0] for prior in (1.0, 51.0))
+    for age in (4, 36, 180):
+        stretches = 16000.0 / (5.0 * age)
+        assert high[age] - low[age] == pytest.approx(10.0 * 50.0 / (10.0 + stretches), rel=0.1)
+    assert low.min() >= 1.0
+
+
 def test_evidence_is_divided_by_the_temper_of_its_age() -> None:
     times, (made, models, mooring) = beat(1.0, 1.0), innovations(0.0)
     flat = over(made, models, mooring, odds(times, 2.0), times, 1e9)
