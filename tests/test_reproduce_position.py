@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -171,7 +172,7 @@ def test_the_log_is_what_was_measured_and_the_filter_follows_it(seen: Seen) -> N
 def test_every_figure_of_ours_is_drawn(seen: Seen) -> None:
     cases = [replace(seen, case=case) for case in CASES]
     for name, sheet in OUR_SHEETS.items():
-        figure = position_drawing.painted(lambda draw=sheet.draw: draw(cases), sheet.seen)  # type: ignore[misc]
+        figure = position_drawing.painted(partial(sheet.draw, cases), sheet.seen)
         assert figure.get_axes()[0].lines, name
         assert figure.get_suptitle() == sheet.seen
         assert "mooringdx reproduce" in our_captions("mooringdx reproduce X")[name]

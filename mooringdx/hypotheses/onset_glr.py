@@ -55,20 +55,17 @@ from mooringdx.observers.feedforward import (
     squared,
     told,
 )
-from mooringdx.observers.forces import wind_force
+from mooringdx.observers.forces import PLACE, THRUST, WIND, place_and_force
 from mooringdx.observers.identify import Identified, Record, identify, steady_bias
-from mooringdx.observers.kalman import Filter, correlation, held
+from mooringdx.observers.kalman import Filter, correlation
 from mooringdx.observers.matrices import Noise, Plant, plant_of
-from mooringdx.physics.frames import rotation, unwrapped
+from mooringdx.physics.frames import rotation
 from mooringdx.physics.mooring import Mooring
 from mooringdx.physics.vessel import vessel
 from mooringdx.results import decode, encode
 from mooringdx.types import Array, Channels, Check, Event, Posterior, locked, replace
 
 BANK = "onset_glr"
-_PLACE = ("north", "east", "heading")
-_THRUST = ("thrust_surge", "thrust_sway", "thrust_yaw")
-_WIND = ("wind_speed", "wind_direction")
 _SLOWEST = 0.3
 """rad/s at full scale: no waves are slower than 21 s."""
 _WEEK, _MONTH = 1.0 / 604800.0, 1.0 / 2592000.0
@@ -182,8 +179,8 @@ class OnsetGlr:
         new = self
         eta, force = self.inputs(channels, piece)
         skip = min(self.beat.warm, len(eta) // 4)
-        if set(_WIND) <= set(self.known):
-            calm = replace(self, known=tuple(c for c in self.known if c not in _WIND))
+        if set(WIND) <= set(self.known):
+            calm = replace(self, known=tuple(c for c in self.known if c not in WIND))
             bare = calm.inputs(channels, piece)[1]
             gusts = removed(Ground(self.filtering(self.mooring), eta, bare, self.bias, skip), force - bare)
             new = replace(self, gusts=gusts)
@@ -264,17 +261,7 @@ class OnsetGlr:
 
         Forces are averaged over what is left out, because the filter holds them from sample to sample.
         """
-        columns = [channels.names.index(c) for c in _PLACE]
-        eta = np.where(channels.valid[piece][:, columns], channels.values[piece][:, columns], np.nan)
-        eta[:, :2] -= self.origin
-        eta[:, 2] = unwrapped(eta[:, 2])
-        force = np.zeros(eta.shape)
-        for i, name in enumerate(_THRUST):
-            if name in self.known:
-                force[:, i] += held(channels.column(name)[piece][:, None])[:, 0]
-        if set(_WIND) <= set(self.known):
-            speed, direction = held(np.column_stack([channels.column(c)[piece] for c in _WIND])).T
-            force += wind_force(self.wind, speed, direction + np.pi - held(eta)[:, 2])
+        eta, force = place_and_force(channels, self.origin, self.known, self.wind, piece)
         n = len(eta) // self.thin
         thinned = force[: n * self.thin].reshape(n, self.thin, 3).mean(axis=1)
         for feed in self.feeds:
@@ -330,9 +317,9 @@ class OnsetGlr:
         """
         out: list[Piece] = []
         sights: list[Sight] = []
-        mooring, gone, bias, end = self.mooring, -1, self.bias, -self.beat.warm
+        mooring, gone, bias, end = self.mooring, -1, self.bias, 0
         for part in stretches(eta, self.beat.confirm):
-            near = part.start - end < self.beat.warm // 2
+            near = bool(out) and part.start - end < self.beat.warm // 2
             bias = bias if near else self._start(eta[part], force[part])
             quiet, since, first, skip = self.beat.again if near else self.beat.warm, end, part.start, 0
             while True:
@@ -405,8 +392,7 @@ class OnsetGlr:
         if not pieces:
             return ()
         trace, bias = pieces[0].trace, sights[0].estimate.bias
-        last = trace.alarm - self.beat.end if trace.alarm >= 0 else len(bias)
-        quiet = bias[self.beat.warm : max(last, 2 * self.beat.warm), :2]
+        quiet = bias[self.beat.warm : trace.alarm - self.beat.confirm if trace.alarm >= 0 else len(bias), :2]
         horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
         return (steady(_means(quiet) - self.bias[:2], -horizontal[:, None] * direction, self.mooring.names),)
 
@@ -444,11 +430,12 @@ class OnsetGlr:
         """Return what the fit found, in lines: consistency, whiteness, temper, the weakest line, feed-forward."""
         rows = self.observability()
         weakest = min(rows.values(), key=lambda row: row["r"])
-        half = self.temper[min(12, len(self.temper) - 1)]
+        minute = self.temper[min(12, len(self.temper) - 1)]
         out = [
             f"innovations: mean normalised square {self.nis:.2f} (3 when consistent), largest autocorrelation over "
             f"1 to 60 s {self.acf:.3f} (0 when white)",
-            f"evidence divided by {self.temper[1]:.2f} at 5 s, {half:.2f} at 60 s, {self.temper[-1]:.2f} at 15 min",
+            f"evidence divided by {self.temper[1]:.2f} at 5 s, {minute:.2f} at 60 s, {self.temper[-1]:.2f} at 15 min "
+            "of full scale",
             f"weakest line: {weakest['sentence']}",
         ]
         return (*out, *(f"feed-forward: {feed.sentence}" for feed in self.feeds))
@@ -490,10 +477,10 @@ def _means(values: Array) -> Array:
 
 
 def _known(channels: Channels) -> tuple[str, ...]:
-    for name in _PLACE:
+    for name in PLACE:
         if name not in channels.names:
             raise ConfigError(f"[bank] {BANK}: the log has no '{name}'; map north, east and heading in [channels]")
-    return tuple(c for c in (*_THRUST, *_WIND) if c in channels.names)
+    return tuple(c for c in (*THRUST, *WIND) if c in channels.names)
 
 
 def _rates(bank: BankPart, known: Sequence[str]) -> tuple[float, float, float]:

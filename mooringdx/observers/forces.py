@@ -16,11 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from mooringdx.observers.kalman import held
 from mooringdx.observers.matrices import Noise, Plant
-from mooringdx.physics.frames import rotation
+from mooringdx.physics.frames import rotation, unwrapped
 from mooringdx.physics.mooring import Mooring, lookup
 from mooringdx.physics.vessel import VesselModel
-from mooringdx.types import Array, replace
+from mooringdx.types import Array, Channels, replace
+
+PLACE = ("north", "east", "heading")
+THRUST = ("thrust_surge", "thrust_sway", "thrust_yaw")
+WIND = ("wind_speed", "wind_direction")
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,32 @@ def wind_force(coefficients: Sequence[float], speed: Array, travel: Array) -> Ar
     """
     shape = np.column_stack([np.cos(travel), np.sin(travel), np.sin(2.0 * travel)])
     return np.asarray(np.asarray(coefficients) * shape * (speed**2)[:, None])
+
+
+def place_and_force(
+    channels: Channels,
+    origin: Sequence[float],
+    known: Sequence[str],
+    wind: Sequence[float],
+    piece: slice = slice(None),
+) -> tuple[Array, Array]:
+    """Return where a log's vessel is and the force that it knows of, (n, 3) each, at the samples of ``piece``.
+
+    Place: from the neutral place ``origin``, m, m, rad, NaN where not seen, the heading unwrapped. Force: body axes, N,
+    N, N m, of the channels in ``known``, thrust and wind by its coefficients ``wind``; a gap holds the last value.
+    """
+    columns = [channels.names.index(name) for name in PLACE]
+    eta = np.where(channels.valid[piece][:, columns], channels.values[piece][:, columns], np.nan)
+    eta[:, :2] -= origin
+    eta[:, 2] = unwrapped(eta[:, 2])
+    force = np.zeros(eta.shape)
+    for i, name in enumerate(THRUST):
+        if name in known:
+            force[:, i] += held(channels.column(name)[piece][:, None])[:, 0]
+    if set(WIND) <= set(known):
+        speed, direction = held(np.column_stack([channels.column(name)[piece] for name in WIND])).T
+        force += wind_force(wind, speed, direction + np.pi - held(eta)[:, 2])
+    return eta, force
 
 
 @njit(cache=True)

@@ -124,31 +124,35 @@ def track(seen: Sequence[Seen]) -> Figure:
 
 def positions(seen: Sequence[Seen]) -> Figure:
     """Draw north, east and heading over time, line 7 lost."""
-    one = _of(seen, 4)
-    figure, axes = canvas.sheet(WIDTH, 5.4, nrows=3, sharex=True)
-    scale = (1.0, 1.0, float(np.degrees(1.0)))
-    for i, (panel, label) in enumerate(zip(axes[:, 0], ("north (m)", "east (m)", "heading (deg)"), strict=True)):
+    one, scale = _of(seen, 4), (1.0, 1.0, float(np.degrees(1.0)))
+
+    def draw(panel: Axes, i: int) -> None:
         fix = canvas.envelope(one.record.time - EARLIER, scale[i] * one.record.measured[:, i], 600)
         panel.plot(*fix, color=GREY, lw=0.6, label="measured")
         panel.plot(_clock(one), scale[i] * one.estimate.position[:, i], color=canvas.BLUE, lw=1.3, label="filter")
-        _marks(panel, one)
-        panel.set_ylabel(label)
-    axes[-1, 0].set_xlabel("time (s, the thesis's clock)")
-    figure.align_ylabels()
-    _legend(figure, list(axes[:, 0]), 5)
-    return figure
+
+    return _three(one, ("north (m)", "east (m)", "heading (deg)"), draw)
 
 
 def residuals(seen: Sequence[Seen]) -> Figure:
     """Draw the innovations of the one filter with means over 20 s, line 6 lost."""
     one = _of(seen, 2)
-    figure, axes = canvas.sheet(WIDTH, 5.4, nrows=3, sharex=True)
     width = max(1, round(20.0 / one.bank.step))
-    for i, (panel, label) in enumerate(zip(axes[:, 0], ("north (m)", "east (m)", "heading (rad)"), strict=True)):
+
+    def draw(panel: Axes, i: int) -> None:
         values = np.nan_to_num(one.estimate.innovation[:, i])
         panel.plot(_clock(one), values, color=GREY, lw=0.6, label="each sample")
         mean = np.convolve(values, np.ones(width) / width)[: len(values)]
         panel.plot(_clock(one), mean, color=canvas.BLUE, lw=1.3, label="mean over the last 20 s")
+
+    return _three(one, ("north (m)", "east (m)", "heading (rad)"), draw)
+
+
+def _three(one: Seen, labels: Sequence[str], draw: Callable[[Axes, int], None]) -> Figure:
+    """Draw a panel for each of north, east and heading over time, with the loss and the alarm marked."""
+    figure, axes = canvas.sheet(WIDTH, 5.4, nrows=3, sharex=True)
+    for i, (panel, label) in enumerate(zip(axes[:, 0], labels, strict=True)):
+        draw(panel, i)
         _marks(panel, one)
         panel.set_ylabel(label)
     axes[-1, 0].set_xlabel("time (s, the thesis's clock)")

@@ -29,19 +29,24 @@ import numpy as np
 
 from mooringdx.config import RunConfig
 from mooringdx.errors import ConfigError
-from mooringdx.observers.forces import Sight, measured_force, quickened, sights, wind_force
+from mooringdx.observers.forces import (
+    PLACE,
+    THRUST,
+    WIND,
+    Sight,
+    measured_force,
+    place_and_force,
+    quickened,
+    sights,
+)
 from mooringdx.observers.identify import Record, identify
 from mooringdx.observers.kalman import Filter, held
 from mooringdx.observers.matrices import Noise, Plant, plant_of
-from mooringdx.physics.frames import unwrapped
 from mooringdx.physics.mooring import Mooring
 from mooringdx.physics.vessel import VesselModel, vessel
 from mooringdx.residuals.training import COMPASS, SIGNATURE_ERROR, Training, known, line_tensions, pooled
 from mooringdx.types import Array, Channels, Fault, Mask, Residuals, Signatures, locked, replace
 
-_PLACE = ("north", "east", "heading")
-_THRUST = ("thrust_surge", "thrust_sway", "thrust_yaw")
-_WIND = ("wind_speed", "wind_direction")
 _UNITS = ("N", "N", "N m")
 _AXES = ("force north", "force east", "moment yaw")
 _BETWEEN = 0.4
@@ -89,13 +94,13 @@ class ForceBalance:
             raise ConfigError(
                 '[residuals] force_balance needs a vessel file; name one under [mooring] vessel, such as "cybership3"'
             )
-        known(_PLACE, first, "[residuals.force_balance]")
+        known(PLACE, first, "[residuals.force_balance]")
         ship = vessel(run.mooring.model)
         tensions = _tensions(run, ship, first)
         origin = (float(run.mooring.origin[0]), float(run.mooring.origin[1]))
         place = _no_fault_place(training, origin)
         mooring = mooring_of(ship)
-        used = tuple(c for c in (*_THRUST, *_WIND) if c in first.names)
+        used = tuple(c for c in (*THRUST, *WIND) if c in first.names)
         draft = cls(
             sights=sights(ship, mooring, place, tensions),
             mooring=mooring,
@@ -181,17 +186,8 @@ class ForceBalance:
 
     def _inputs(self, channels: Channels) -> tuple[Array, Array, Mask]:
         """Return eta (n, 3) from the neutral place, known force in body axes (n, 3), and where all channels hold."""
-        eta = np.column_stack([channels.column(c) for c in _PLACE])
-        eta[:, :2] -= self.origin
-        eta[:, 2] = unwrapped(eta[:, 2])
-        force = np.zeros(eta.shape)
-        for i, name in enumerate(_THRUST):
-            if name in self.known:
-                force[:, i] += held(channels.column(name)[:, None])[:, 0]
-        if set(_WIND) <= set(self.known):
-            speed, direction = held(np.column_stack([channels.column(c) for c in _WIND])).T
-            force += wind_force(self.wind, speed, direction + np.pi - held(eta)[:, 2])
-        names = (*_PLACE, *self.known, *(s.tension for s in self.sights if s.tension))
+        eta, force = place_and_force(channels, self.origin, self.known, self.wind)
+        names = (*PLACE, *self.known, *(s.tension for s in self.sights if s.tension))
         columns = [channels.names.index(c) for c in names]
         good: Mask = np.asarray(channels.valid[:, columns].all(axis=1), dtype=np.bool_)
         return eta, force, good
@@ -226,7 +222,7 @@ class ForceBalance:
             if s.tension:
                 row = s.share * np.concatenate([-0.5 * np.asarray(s.pull), np.asarray(s.pull)])
                 out.append((Fault("sensor_fault", s.tension), row, self._error(row), "N", np.nan, 0.0))
-        for i, name in enumerate(_PLACE):
+        for i, name in enumerate(PLACE):
             k = self.stiffness[:, i]
             row = np.concatenate([(0.5 if self.measured else 1.0) * k, k])
             out.append((Fault("sensor_fault", name), row, self._error(row), "m" if i < 2 else "rad", np.nan, 0.0))
@@ -322,6 +318,6 @@ def _tensions(run: RunConfig, ship: VesselModel, channels: Channels) -> dict[str
 
 def _no_fault_place(training: Sequence[Training], origin: tuple[float, float]) -> Array:
     """Return the mean of the no-fault places, (3,), from the neutral place, heading in [-pi, pi)."""
-    rows = pooled(training, _PLACE)
+    rows = pooled(training, PLACE)
     angle = np.arctan2(np.sin(rows[:, 2]).mean(), np.cos(rows[:, 2]).mean())
     return np.array([rows[:, 0].mean() - origin[0], rows[:, 1].mean() - origin[1], angle])

@@ -149,8 +149,9 @@ class Family:
         """Identify the noise on the longest no-fault piece, as `OnsetGlr.fit` does, with its errors."""
         return self.upon(OnsetGlr.fit(training, run), training, run)
 
-    def upon(self, base: OnsetGlr, training: Sequence[NoFault], run: RunConfig) -> Peer:  # noqa: ARG002
-        """Return the bank on what the onset bank has identified on the same ``training``."""
+    def upon(self, base: OnsetGlr, training: Sequence[NoFault], run: RunConfig) -> Peer:
+        """Return the bank on what the onset bank has identified on the same ``training``, of which it needs no more."""
+        del training
         asked = run.bank.peers
         temper = TEMPER[self.word] if asked.temper == "auto" else asked.temper
         return Peer(self.word, base, temper, asked.floor, asked.memory, asked.delay)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from mooringdx.errors import ConfigError
 from mooringdx.hypotheses.onset_glr import OnsetGlr
+from mooringdx.observers.forces import PLACE
 from mooringdx.types import Array, Channels
-
-PLACE = ("north", "east", "heading")
 
 
 def inputs(base: OnsetGlr, channels: Channels, word: str, piece: slice = slice(None)) -> tuple[Array, Array]:
@@ -18,5 +17,4 @@ def inputs(base: OnsetGlr, channels: Channels, word: str, piece: slice = slice(N
         raise ConfigError(
             f"[bank] {word}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
         )
-    out: tuple[Array, Array] = base.inputs(channels, piece)
-    return out
+    return base.inputs(channels, piece)
