@@ -28,7 +28,8 @@ from mooringdx.hypotheses.onset.kernel import CUT, Odds, Slots, grown, line_pull
 from mooringdx.hypotheses.onset.losses import losses, shares, weights
 from mooringdx.hypotheses.onset.temper import tempers
 from mooringdx.hypotheses.onset.verdict import runs, steady
-from mooringdx.hypotheses.onset_glr import OnsetGlr, stretches
+from mooringdx.hypotheses.onset.walks import stretches
+from mooringdx.hypotheses.onset_glr import OnsetGlr
 from mooringdx.observers.kalman import Filter
 from mooringdx.observers.matrices import Model, Noise, plant_of
 from mooringdx.physics.frames import rotation

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,13 +36,13 @@ from mooringdx.hypotheses.onset.bank import (
     information,
     mean_drift,
     odds_of,
-    over,
 )
 from mooringdx.hypotheses.onset.kernel import Odds
-from mooringdx.hypotheses.onset.losses import Loss, losses, shares, weights
+from mooringdx.hypotheses.onset.losses import Loss, losses, weights
 from mooringdx.hypotheses.onset.temper import tempers
-from mooringdx.hypotheses.onset.verdict import Piece, across, checks, events, steady
-from mooringdx.hypotheses.onset.witness import Sight, Witness
+from mooringdx.hypotheses.onset.verdict import checks, events
+from mooringdx.hypotheses.onset.walks import gaps, pieces, since_fit, stretches
+from mooringdx.hypotheses.onset.witness import Witness
 from mooringdx.observers.feedforward import (
     HARM,
     MEMORY,
@@ -56,7 +55,7 @@ from mooringdx.observers.feedforward import (
     told,
 )
 from mooringdx.observers.forces import PLACE, THRUST, WIND, place_and_force
-from mooringdx.observers.identify import Identified, Record, identify, steady_bias
+from mooringdx.observers.identify import Identified, Record, identify
 from mooringdx.observers.kalman import Filter, correlation
 from mooringdx.observers.matrices import Noise, Plant, plant_of
 from mooringdx.physics.frames import rotation
@@ -286,11 +285,11 @@ class OnsetGlr:
                 f"[bank] {BANK}: the log has no '{missing[0]}', which the no-fault log had; map it, or fit anew"
             )
         eta, force = self.inputs(channels)
-        pieces, sights = self._pieces(eta, force)
+        walked, sights = pieces(self, eta, force)
         n = len(eta)
         weighed = self.losses
         score, probability = np.full(n, np.nan), np.zeros((n, len(weighed) + 3))
-        for one in pieces:
+        for one in walked:
             rows = slice(one.first + one.skip, one.first + len(one.trace.score))
             score[rows], probability[rows] = one.trace.score[one.skip :], one.after()
         grid = channels.grid
@@ -299,102 +298,16 @@ class OnsetGlr:
         names = ("no fault", *(loss.name for loss in weighed), "environment", "wave group")
         posterior = Posterior(BANK, names, grid.time[judged], probability[row][judged])
         clock = (grid.start, self.step)
-        found = events(pieces, weighed, self.odds, self.beat, clock, self.warning, self.alarm)
+        found = events(walked, weighed, self.odds, self.beat, clock, self.warning, self.alarm)
         named = [round((e.onset - clock[0]) / clock[1]) for e in found]
-        unseen, gaps = self._across(eta, force, clock, named)
+        unseen, compared = gaps(self, eta, force, clock, named)
         found = (*found, *unseen)
-        told_of = checks(pieces, score, self.observability(), self.warning, clock)
+        told_of = checks(walked, score, self.observability(), self.warning, clock)
         squares = [
             self._squares(channels, slice(None), f.channels) if any(f.on) else np.zeros((0, 0)) for f in self.feeds
         ]
-        told_of = (*told_of, *self._steady(pieces, sights), *gaps, *told(self.feeds, self.gusts, squares))
+        told_of = (*told_of, *since_fit(self, walked, sights), *compared, *told(self.feeds, self.gusts, squares))
         return posterior, found, told_of, Witness(sights, self.odds, self.beat, clock)
-
-    def _pieces(self, eta: Array, force: Array) -> tuple[list[Piece], tuple[Sight, ...]]:
-        """Return one walk after another: each ends where a line was named, the next is without that line.
-
-        A gap of a minute ends a walk too: the filter that comes out of it knows less than its steady gain says.
-        """
-        out: list[Piece] = []
-        sights: list[Sight] = []
-        mooring, gone, bias, end = self.mooring, -1, self.bias, 0
-        for part in stretches(eta, self.beat.confirm):
-            near = bool(out) and part.start - end < self.beat.warm // 2
-            bias = bias if near else self._start(eta[part], force[part])
-            quiet, since, first, skip = self.beat.again if near else self.beat.warm, end, part.start, 0
-            while True:
-                one, sight = self._walk(
-                    eta[: part.stop], force[: part.stop], (first, skip, gone, since, quiet), mooring, bias
-                )
-                out.append(one)
-                sights.append(sight)
-                trace, filtered = one.trace, sight.estimate.bias
-                if trace.alarm < 0 or first + trace.named >= part.stop - 2:
-                    bias = np.array(filtered[-1])
-                    break
-                gone, onset = one.best()
-                mooring = self.losses[gone].after(mooring)
-                bias = np.array(filtered[max(onset - 1, 0)])
-                skip, since, quiet = trace.named - onset + 1, first + onset, self.beat.again
-                first += onset
-            if trace.alarm >= 0:
-                gone = one.best()[0]
-                mooring = self.losses[gone].after(mooring)
-            end = part.stop
-        return out, tuple(sights)
-
-    def _walk(
-        self, eta: Array, force: Array, where: tuple[int, int, int, int, int], mooring: Mooring, bias: Array
-    ) -> tuple[Piece, Sight]:
-        """Return one walk from sample ``where[0]`` on; ``where``: first, skip, gone, since, quiet of `Piece`."""
-        first, skip, gone, since, quiet = where
-        filtering = self.filtering(mooring)
-        models = filtering.models(eta[first:, 2])
-        estimate = filtering(eta[first:], force[first:], bias=bias, models=models)
-        lost = shares(self.losses, mooring.names)
-        trace = over(estimate, models, mooring, self.odds, self.beat, self.alarm, lost, quiet)
-        until = None if trace.alarm < 0 else max(trace.alarm - self.beat.confirm, 1)
-        piece = Piece(first, skip, gone, trace, _mean(estimate.nis[:until]), quiet, since)
-        return piece, Sight(first, skip, estimate, models, mooring, quiet, trace.rise)
-
-    def _start(self, eta: Array, force: Array) -> Array:
-        """Return the steady force of a log's warm-up: it may lie in another current than the no-fault window."""
-        seen = np.isfinite(eta[: self.beat.warm]).all(axis=1).any()
-        record = Record(eta, force, np.zeros(eta.shape), self.step)
-        return steady_bias(record, self.mooring, self.beat.warm) if seen else self.bias
-
-    def _across(
-        self, eta: Array, force: Array, clock: tuple[float, float], named: Sequence[int]
-    ) -> tuple[tuple[Event, ...], tuple[Check, ...]]:
-        """Return what the steady force says of each long gap: in it a loss leaves no onset, but a change of force.
-
-        ``named``: samples of events' onsets, whose forces are not the gap's.
-        """
-        parts, most = stretches(eta, self.beat.confirm), self.beat.warm
-        horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
-        out: list[Event] = []
-        rows: list[Check] = []
-        for left, right in pairwise(parts):
-            last = slice(max(left.start, left.stop - most), left.stop)
-            stop = min([right.stop, right.start + most, *(k for k in named if k > right.start)])
-            after = slice(right.start, stop)
-            if min(last.stop - last.start, after.stop - after.start) < self.beat.again:
-                continue
-            change = (self._start(eta[after], force[after]) - self._start(eta[last], force[last]))[:2]
-            gap = (clock[0] + clock[1] * left.stop, clock[0] + clock[1] * right.start)
-            event, row = across(change, -horizontal[:, None] * direction, self.mooring.names, gap)
-            out += [] if event is None else [event]
-            rows.append(row)
-        return tuple(out), tuple(rows)
-
-    def _steady(self, pieces: Sequence[Piece], sights: Sequence[Sight]) -> tuple[Check, ...]:
-        """Return how the steady force has changed since the no-fault window, and which lost line looks the same."""
-        if not pieces:
-            return ()
-        trace, bias = pieces[0].trace, sights[0].estimate.bias
-        quiet = bias[self.beat.warm : trace.alarm - self.beat.confirm if trace.alarm >= 0 else len(bias), :2]
-        horizontal, _, direction = self.mooring.pulls(np.asarray(self.place))
-        return (steady(_means(quiet) - self.bias[:2], -horizontal[:, None] * direction, self.mooring.names),)
 
     def observability(self) -> dict[str, dict[str, Any]]:
         """Return, a line, the information rate ``r``, nats/s at full scale, if its loss is ``observable``, and why.
@@ -452,28 +365,8 @@ class OnsetGlr:
         return out
 
 
-def stretches(eta: Array, longest: int) -> tuple[slice, ...]:
-    """Return the stretches of a record, (n, 3), between gaps of ``longest`` samples or more without a fix."""
-    seen = np.flatnonzero(np.isfinite(eta).all(axis=1))
-    if not seen.size:
-        return ()
-    cut = np.flatnonzero(np.diff(seen) > longest)
-    starts, stops = [int(seen[0]), *seen[cut + 1].tolist()], [*(seen[cut] + 1).tolist(), int(seen[-1]) + 1]
-    return tuple(slice(a, b) for a, b in zip(starts, stops, strict=True) if b - a > 1)
-
-
 def _flat(bank: BankPart) -> Array:
     return np.full(2, float(bank.temper))
-
-
-def _mean(values: Array) -> float:
-    good = values[np.isfinite(values)]
-    return float(good.mean()) if good.size else np.nan
-
-
-def _means(values: Array) -> Array:
-    good = values[np.isfinite(values).all(axis=1)]
-    return np.asarray(good.mean(axis=0)) if good.size else np.full(values.shape[1], np.nan)
 
 
 def _known(channels: Channels) -> tuple[str, ...]:
